@@ -28,7 +28,7 @@ from runner.process import Caps, Implementation, UnusableError  # noqa: E402
 from runner.running import Result, made_for, run_case  # noqa: E402
 
 OWN = (
-    [sys.executable, "-m", "hapfmt.conformance"],
+    [sys.executable, str(HERE / "adapters" / "python")],
     ["node", str(HERE / "adapters" / "js" / "cli.js")],
 )
 """The implementations of this repository."""

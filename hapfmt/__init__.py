@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 from .version import SPEC_VERSION, __version__
 
 if TYPE_CHECKING:
-    from .clocks import fit_clock
-    from .container.clocks import ClockMap, ClockObservation
     from .convert import load, read, save
+    from .edit.recover import recover, recover_in_place
+    from .encoder.live import Input
     from .encoder.settings import Settings
     from .errors import (
         ChecksumError,
@@ -33,54 +33,57 @@ if TYPE_CHECKING:
         UnsupportedError,
     )
     from .events import Event
+    from .format.extras import ClockMap, ClockObservation
     from .limits import Limits
-    from .live.inputs import Input
-    from .live.recorder import Recorder
-    from .live.status import Status
+    from .reading.clocks import fit_clock
     from .reading.follow import Follower
     from .reading.reader import Reader
+    from .reading.verifier import verify
     from .recording import Calibration, Channel, Recording, Span
-    from .recovery.inplace import recover_in_place
-    from .recovery.recover import recover
-    from .verifier import verify
-    from .writer import Summary, write
+    from .writing.recorder import Recorder, Status
+    from .writing.writer import Summary, write
 
 _PLACES = {
-    "Reader": "reading.reader",
-    "read": "convert",
-    "Follower": "reading.follow",
-    "write": "writer",
-    "Summary": "writer",
-    "verify": "verifier",
-    "recover": "recovery.recover",
-    "recover_in_place": "recovery.inplace",
     "load": "convert",
+    "read": "convert",
     "save": "convert",
+    "recover": "edit.recover",
+    "recover_in_place": "edit.recover",
+    "Input": "encoder.live",
     "Settings": "encoder.settings",
-    "Recorder": "live.recorder",
-    "Input": "live.inputs",
-    "Status": "live.status",
-    "Recording": "recording",
-    "Event": "events",
-    "ClockObservation": "container.clocks",
-    "ClockMap": "container.clocks",
-    "fit_clock": "clocks",
-    "Channel": "recording",
-    "Calibration": "recording",
-    "Span": "recording",
-    "Limits": "limits",
-    "HapfmtError": "errors",
-    "FormatError": "errors",
-    "TruncatedError": "errors",
     "ChecksumError": "errors",
-    "UnsupportedError": "errors",
+    "FormatError": "errors",
+    "HapfmtError": "errors",
     "LimitError": "errors",
-    "ParameterError": "errors",
-    "UnknownChannelError": "errors",
     "MissingExtraError": "errors",
+    "ParameterError": "errors",
+    "TruncatedError": "errors",
+    "UnknownChannelError": "errors",
+    "UnsupportedError": "errors",
+    "Event": "events",
+    "ClockMap": "format.extras",
+    "ClockObservation": "format.extras",
+    "Limits": "limits",
+    "fit_clock": "reading.clocks",
+    "Follower": "reading.follow",
+    "Reader": "reading.reader",
+    "verify": "reading.verifier",
+    "Calibration": "recording",
+    "Channel": "recording",
+    "Recording": "recording",
+    "Span": "recording",
+    "Recorder": "writing.recorder",
+    "Status": "writing.recorder",
+    "Summary": "writing.writer",
+    "write": "writing.writer",
 }
 
-_PACKAGES = frozenset({"edit", "errors", "metrics", "scenes"})
+_PACKAGES = {
+    "edit": "edit",
+    "errors": "errors",
+    "metrics": "lab.metrics",
+    "scenes": "lab.scenes",
+}
 
 __all__ = [
     "SPEC_VERSION",
@@ -124,7 +127,7 @@ def __getattr__(name: str) -> Any:
     if name in _PLACES:
         return getattr(import_module(f".{_PLACES[name]}", __name__), name)
     if name in _PACKAGES:
-        return import_module(f".{name}", __name__)
+        return import_module(f".{_PACKAGES[name]}", __name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ParameterError
-from .integers import clamp
 from .limits import FRACTION_LIMIT, ZERO_LIMIT
+from .numbers import clamp
 from .recording import Calibration
 
 COUNT_LIMIT = 1 << 32

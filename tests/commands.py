@@ -191,7 +191,9 @@ if __name__ == "__main__":
         with suppress(ImportError):
             importlib.import_module(name)
     for module in pkgutil.walk_packages(hapfmt.__path__, "hapfmt."):
-        if not module.name.startswith(("hapfmt.__main__", "hapfmt.plotting", "hapfmt.study.sound")):
+        if not module.name.startswith(
+            ("hapfmt.__main__", "hapfmt.lab.plotting", "hapfmt.lab.study.outputs")
+        ):
             importlib.import_module(module.name)
     with socket.socket(fileno=int(sys.argv[1])) as ours:
         serve(ours)

@@ -9,25 +9,33 @@ from array import array
 import numpy as np
 from singles import decode_counts, decode_exact
 
-from hapfmt.codecs import components as lpcr
+from hapfmt.codecs import predicted as lpcr
 from hapfmt.codecs.entropy import Decoder, Lengths, ends_of
 from hapfmt.codecs.events import parse_events
-from hapfmt.codecs.exact import ExactParameters
+from hapfmt.codecs.exact import ExactParameters, ordered, unordered, values_of
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
-from hapfmt.codecs.huffman import parse_codebook
-from hapfmt.codecs.knots import KnotParameters, decode_knots, interpolate, parse_knots
-from hapfmt.codecs.knots_coded import decode_indices
-from hapfmt.codecs.predicted import step_up
-from hapfmt.codecs.quantised import Alphabet, QuanParameters, decode_levels, decode_quantised
+from hapfmt.codecs.knots import (
+    KnotParameters,
+    decode_indices,
+    decode_knots,
+    interpolate,
+    parse_knots,
+)
+from hapfmt.codecs.predicted import SINES, step_up
+from hapfmt.codecs.quantised import (
+    Alphabet,
+    QuanParameters,
+    decode_levels,
+    decode_quantised,
+    parse_codebook,
+)
 from hapfmt.codecs.raw import RawParameters, decode_raw
-from hapfmt.codecs.sine import SINES
-from hapfmt.codecs.values import ordered, unordered, values_of
-from hapfmt.container.tlv import parse_strings
-from hapfmt.container.track import Affine
-from hapfmt.container.wire import crc32, seed_of
 from hapfmt.errors import FormatError
-from hapfmt.integers import build_svarint, build_varint, clamp, parse_svarint, parse_varint, rdiv
+from hapfmt.format.tlv import parse_strings
+from hapfmt.format.track import Affine
+from hapfmt.format.wire import crc32, seed_of
 from hapfmt.limits import LEVELS
+from hapfmt.numbers import build_svarint, build_varint, clamp, parse_svarint, parse_varint, rdiv
 
 LEVEL = LEVELS[1]
 

@@ -23,7 +23,7 @@ from depth import DEEP, PROFILE
 from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT / "conformance" / "gen"), str(ROOT / "conformance")]
+sys.path[:0] = [str(ROOT / "conformance" / part) for part in ("gen", "adapters/python", "")]
 
 COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("dev", max_examples=10, derandomize=True, **COMMON)

@@ -13,10 +13,10 @@ import forge
 import numpy as np
 
 import hapfmt
-from hapfmt.container.cluster import Packet, parse_cluster
-from hapfmt.container.source import BytesSource
-from hapfmt.container.track import Track
-from hapfmt.container.walk import read_chunk
+from hapfmt.format.cluster import Packet, parse_cluster
+from hapfmt.format.source import BytesSource
+from hapfmt.format.track import Track
+from hapfmt.format.walk import read_chunk
 from hapfmt.reading.opening import open_catalogue
 
 TICKS, RATE = 1500, 500

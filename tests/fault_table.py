@@ -15,33 +15,29 @@ import page
 import page_exact
 from singles import decode_counts, decode_exact
 
-from hapfmt.codecs import knots_coded
-from hapfmt.codecs.components import decode_predicted
+from hapfmt.codecs import knots as codec
 from hapfmt.codecs.events import parse_events
 from hapfmt.codecs.exact import ExactParameters
 from hapfmt.codecs.exact import decode_exact as decode_both
 from hapfmt.codecs.grids import LpcParameters
-from hapfmt.codecs.huffman import parse_codebook
-from hapfmt.codecs.knots import KnotParameters, decode_knots
-from hapfmt.codecs.predicted import decode_indices
-from hapfmt.codecs.quantised import QuanParameters, decode_quantised
+from hapfmt.codecs.knots import KnotParameters, decode_knots, parse_varints
+from hapfmt.codecs.predicted import decode_indices, decode_predicted
+from hapfmt.codecs.quantised import QuanParameters, decode_quantised, parse_codebook
 from hapfmt.codecs.raw import RawParameters, decode_raw
-from hapfmt.codecs.varints import parse_varints
-from hapfmt.container.clocks import parse_clock, parse_map
-from hapfmt.container.cluster import parse_cluster
-from hapfmt.container.description import parse_description
-from hapfmt.container.extras import parse_attachment, parse_metadata
-from hapfmt.container.index import IndexEntry, check_listing, parse_foot, parse_index
-from hapfmt.container.source import BytesSource
-from hapfmt.container.tlv import parse_strings, parse_tlvs
-from hapfmt.container.track import Affine, TrackTable
-from hapfmt.container.wire import cluster_seed, parse_head, parse_header
-from hapfmt.integers import parse_varint
+from hapfmt.format.cluster import parse_cluster
+from hapfmt.format.description import parse_description
+from hapfmt.format.extras import parse_attachment, parse_clock, parse_map, parse_metadata
+from hapfmt.format.index import IndexEntry, check_listing, parse_foot, parse_index
+from hapfmt.format.source import BytesSource
+from hapfmt.format.tlv import parse_strings, parse_tlvs
+from hapfmt.format.track import Affine, TrackTable
+from hapfmt.format.wire import cluster_seed, parse_head, parse_header
 from hapfmt.limits import LEVELS, Limits
+from hapfmt.numbers import parse_varint
 from hapfmt.reading.catalogue import ChunkRef
 from hapfmt.reading.opening import index_entries, open_catalogue
 from hapfmt.reading.reader import Reader
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 AT = 100
 ONE, TWO = LEVELS[1], LEVELS[2]
@@ -128,7 +124,7 @@ def predicted(data: bytes, span: int = 1) -> Callable[[], Any]:
 
 
 def further(data: bytes, span: int = 2) -> Callable[[], Any]:
-    return lambda: knots_coded.decode_indices(data, "hold", span, 1, ONE.count_bound, AT)
+    return lambda: codec.decode_indices(data, "hold", span, 1, ONE.count_bound, AT)
 
 
 FIVE = b"\3\x10\0\x0a"

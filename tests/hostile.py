@@ -101,7 +101,7 @@ def line(span: int) -> bytes:
 def recalled(span: int) -> bytes:
     """Counts, and a correction each that was there before."""
     from hapfmt.codecs.exact import ExactParameters, encode_exact
-    from hapfmt.container.track import Affine
+    from hapfmt.format.track import Affine
 
     counts = np.full(span, 5, np.int64)
     doubles = np.nextafter(ExactParameters().values(counts, Affine()), 9)

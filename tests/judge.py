@@ -6,7 +6,7 @@ from typing import Any
 
 from hapfmt.errors import HapfmtError
 from hapfmt.reading.reader import Reader
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 
 def rule(data: bytes) -> tuple[str, str | None]:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from hapfmt.replay.frames import Block
+from hapfmt.replay.frames import FrameBlock
 from hapfmt.replay.process.player import play
 from hapfmt.replay.profile.model import Profile
 from hapfmt.replay.profile.parse import load_profile, parse_profile
@@ -96,7 +96,7 @@ class Source:
 
     def blocks(
         self, first: int = 0, generation: int = 0, at: Any = None, loop: int = 0
-    ) -> Iterator[Block]:
+    ) -> Iterator[FrameBlock]:
         self.loop, self.at = loop, float(at or 0)
         begun = round(float(at or 0) * self.rate)
         for start in count(0, BLOCK):
@@ -109,7 +109,7 @@ class Source:
                 np.arange(begun + start, begun + max(stop, start)), self.width
             )
             last = begun + stop >= self.samples
-            yield Block(first + start, values, known, generation, last)
+            yield FrameBlock(first + start, values, known, generation, last)
             if last:
                 return
 

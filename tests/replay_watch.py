@@ -8,7 +8,7 @@ from math import ceil, cos, floor, inf, isfinite, nan, pi
 import numpy as np
 from hypothesis import strategies as st
 
-from hapfmt.replay.frames import Block, Frame
+from hapfmt.replay.frames import Frame, FrameBlock
 from hapfmt.replay.profile.model import Actuator, Profile, Timing
 from hapfmt.replay.schedule import Schedule
 
@@ -25,11 +25,11 @@ def make_actuator(
     return Actuator(name, "N", minimum, maximum, slew, step, **more)
 
 
-def make_block(first, values, known=True, generation=0, last=False) -> Block:
+def make_block(first, values, known=True, generation=0, last=False) -> FrameBlock:
     """``values``: [samples] or [samples][actuators]."""
     values = np.array(values, float)
     values = values[:, None] if values.ndim == 1 else values
-    return Block(first, values, np.broadcast_to(known, values.shape), generation, last)
+    return FrameBlock(first, values, np.broadcast_to(known, values.shape), generation, last)
 
 
 AWKWARD = [nan, inf, -inf, 1e300, -1e300, 1.7e308, -0.0, 5e-324]
@@ -109,7 +109,7 @@ class Watch:
         self.bound: int | None = None
         """Frames that the end may take."""
 
-    def feed(self, block: Block) -> None:
+    def feed(self, block: FrameBlock) -> None:
         self.schedule.feed(block)
         if block.generation != self.generation or self.end is not None:
             return

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from hapfmt.errors import FormatError
-from hapfmt.replay.frames import Block
+from hapfmt.replay.frames import FrameBlock
 from hapfmt.replay.process.player import play
 from hapfmt.replay.profile.model import Profile
 from hapfmt.replay.profile.parse import load_profile, parse_profile
@@ -51,7 +51,7 @@ class Sines:
 
     def blocks(
         self, first: int = 0, generation: int = 0, at: Any = None, loop: int = 0
-    ) -> Iterator[Block]:
+    ) -> Iterator[FrameBlock]:
         assert loop == 0
         self.begun = first, at
         begin = min(round(float(at or 0) * RATE), self.total)
@@ -62,7 +62,7 @@ class Sines:
             values = 2 * np.sin(2 * np.pi * 5 * np.arange(start, stop) / RATE + 1)
             values = np.repeat(values[:, None], 5, axis=1)
             known = np.ones(values.shape, bool)
-            yield Block(first + start - begin, values, known, generation, stop == self.total)
+            yield FrameBlock(first + start - begin, values, known, generation, stop == self.total)
 
     def position(self, sample: int) -> Position:
         first, at = self.begun

@@ -8,26 +8,29 @@ from fractions import Fraction
 import numpy as np
 from hypothesis import strategies as st
 
-from hapfmt.codecs.components import encode_component, join_components
 from hapfmt.codecs.events import CodedEvent
 from hapfmt.codecs.exact import ExactParameters, encode_exact
 from hapfmt.codecs.grids import LpcParameters
-from hapfmt.codecs.huffman import code_lengths
-from hapfmt.codecs.knots import KnotParameters, build_knots
-from hapfmt.codecs.knots_coded import encode_knots
-from hapfmt.codecs.predicted import DIFFERENCE_LIMIT, INDEX_LIMIT, Predictor, encode_indices
-from hapfmt.codecs.quantised import Alphabet, QuanParameters, encode_quantised
+from hapfmt.codecs.knots import KnotParameters, build_knots, encode_knots
+from hapfmt.codecs.predicted import (
+    DIFFERENCE_LIMIT,
+    INDEX_LIMIT,
+    Predictor,
+    Reference,
+    encode_component,
+    encode_indices,
+    join_components,
+)
+from hapfmt.codecs.quantised import Alphabet, QuanParameters, code_lengths, encode_quantised
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
-from hapfmt.codecs.references import Reference
-from hapfmt.container.clocks import ClockMap, ClockObservation
-from hapfmt.container.cluster import Packet
-from hapfmt.container.track import WORD_SIZES, Affine, Component, Contract, Track
-from hapfmt.container.wire import ChunkHeader, Head
-from hapfmt.encoder.settings import Settings
-from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.encoder.settings import Settings, Tolerance
 from hapfmt.events import Event
-from hapfmt.integers import build_varint
+from hapfmt.format.cluster import Packet
+from hapfmt.format.extras import ClockMap, ClockObservation
+from hapfmt.format.track import WORD_SIZES, Affine, Component, Contract, Track
+from hapfmt.format.wire import ChunkHeader, Head
 from hapfmt.limits import LEVELS
+from hapfmt.numbers import build_varint
 from hapfmt.recording import Calibration, Channel, Deviation, Recording, Span
 
 u16s = st.sampled_from([0, 1, 255, 256, 65535]) | st.integers(0, 65535)

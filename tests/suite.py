@@ -12,7 +12,7 @@ import run
 ROOT = Path(__file__).resolve().parent.parent
 CONFORMANCE = ROOT / "conformance"
 PROGRAMS = {
-    "hapfmt": [sys.executable, "-m", "hapfmt.conformance"],
+    "hapfmt": [sys.executable, str(CONFORMANCE / "adapters" / "python")],
     "JavaScript": ["node", str(CONFORMANCE / "adapters" / "js" / "cli.js")],
 }
 

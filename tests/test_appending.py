@@ -17,19 +17,19 @@ from hypothesis import strategies as st
 from spec import ROOT
 
 import hapfmt
-from hapfmt.appending import open_append, track_ends
-from hapfmt.container.cluster import Packet
-from hapfmt.container.extras import Attachment
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.source import BytesSource
-from hapfmt.container.track import Component, Track
-from hapfmt.container.walk import Chunk, walk
 from hapfmt.encoder.settings import Settings
 from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
+from hapfmt.format.cluster import Packet
+from hapfmt.format.extras import Attachment
+from hapfmt.format.source import BytesSource
+from hapfmt.format.track import Component, Track
+from hapfmt.format.walk import Chunk, walk
+from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.limits import LEVELS
-from hapfmt.live.file import SyncPolicy, create_live
 from hapfmt.reading.opening import open_catalogue
-from hapfmt.scenes.stylus import simulate
+from hapfmt.writing.file import SyncPolicy, create_live
+from hapfmt.writing.filewriter import FileWriter
+from hapfmt.writing.start import open_append, track_ends
 
 KNOT = f.knot_parameters()
 FIVE = f.KNOT_DATA

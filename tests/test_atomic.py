@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hapfmt.atomic import atomic_write
 from hapfmt.errors import ParameterError
+from hapfmt.files import atomic_write
 
 
 def test_the_file_appears_at_the_end(tmp_path: Path) -> None:

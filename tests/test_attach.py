@@ -18,11 +18,11 @@ from terminal import called
 
 import hapfmt
 from hapfmt import edit
-from hapfmt.appending import open_append
-from hapfmt.container.extras import Attachment
-from hapfmt.container.wire import HEADER_SIZE
-from hapfmt.edit.attach import free_name
-from hapfmt.edit.extras import same
+from hapfmt.edit.additions import free_name
+from hapfmt.edit.making import same
+from hapfmt.format.extras import Attachment
+from hapfmt.format.wire import HEADER_SIZE
+from hapfmt.writing.start import open_append
 
 
 @pytest.fixture

@@ -18,11 +18,10 @@ from hapfmt.codecs.grids import LpcParameters
 from hapfmt.deadband import Deadband
 from hapfmt.encoder.bounded import scalar_ways
 from hapfmt.encoder.encode import choose_level, encode
-from hapfmt.encoder.grids import nearest_level
+from hapfmt.encoder.gridded import nearest_level
 from hapfmt.encoder.plan import Promise
-from hapfmt.encoder.settings import amount
-from hapfmt.encoder.source import Source, cut, make_track
-from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.encoder.settings import Tolerance, amount
+from hapfmt.encoder.source import InputBlock, cut, make_track
 from hapfmt.encoder.tubed import vector_ways
 from hapfmt.encoder.unit import at_most, bound_of, decode_all
 from hapfmt.limits import LEVELS
@@ -164,7 +163,7 @@ class TestDeadband:
         """Also the ways that lost by size."""
         one = channel(x, calibration)
         spans = tuple(cut(one.coverage, one.rate, Fraction(10), 1))
-        source = Source((one,), x[:, None].astype(np.int64), spans)
+        source = InputBlock((one,), x[:, None].astype(np.int64), spans)
         bound = bound_of(source, Promise(amount(floor), k))
         base = make_track(source.channels, 0, codec="KNOT", count_min=-(2**31),
                           count_max=2**31 - 1)  # fmt: skip
@@ -199,7 +198,9 @@ class TestDeadband:
         calibration = Calibration(1, 5, 1000)
         axes = tuple(channel(shapes(size, seed + i)[name], calibration) for i in range(width))
         rows = np.column_stack([axis.stored for axis in axes]).astype(np.int64)
-        source = Source(axes, rows, tuple(cut(axes[0].coverage, axes[0].rate, Fraction(10), width)))
+        source = InputBlock(
+            axes, rows, tuple(cut(axes[0].coverage, axes[0].rate, Fraction(10), width))
+        )
         bound = bound_of(source, Promise(amount(floor), k))
         base = make_track(source.channels, 0, codec="KNOT", count_min=-(2**31),
                           count_max=2**31 - 1)  # fmt: skip
@@ -220,7 +221,7 @@ class TestDeadband:
         rows = np.column_stack([np.round(9000 * np.sin(t / 150 + turn)) for turn in (0, 1, 2)])
         axes = tuple(channel(row.astype(np.int64), Calibration(1, 0, 1000)) for row in rows.T)
         spans = tuple(cut(axes[0].coverage, axes[0].rate, Fraction(10), 3))
-        source = Source(axes, rows.astype(np.int64), spans)
+        source = InputBlock(axes, rows.astype(np.int64), spans)
         bound = bound_of(source, Promise(amount("0.5%"), Fraction(1, 10)))
         base = make_track(source.channels, 0, codec="KNOT", count_min=-(2**31),
                           count_max=2**31 - 1)  # fmt: skip
@@ -235,7 +236,7 @@ class TestDeadband:
     @pytest.mark.parametrize(("offset", "level"), [(2**24 - 400, 1), (2**25, 2)])
     def test_a_grid_far_from_zero_needs_level_2(self, offset, level):
         """Levels are counted from the physical 0."""
-        source = Source((channel(shapes(40, 5)["noise"], Calibration(1, offset, 1)),),
+        source = InputBlock((channel(shapes(40, 5)["noise"], Calibration(1, offset, 1)),),
                         shapes(40, 5)["noise"][:, None], ())  # fmt: skip
         track = make_track(source.channels, 0, codec="LPCR", count_min=-300, count_max=300)
         grid = LpcParameters(9, -offset, 1, 10)

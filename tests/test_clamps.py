@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from twins import by_the_twin
 
-from hapfmt.codecs import components, knots, knots_coded, quantised
-from hapfmt.codecs.components import join_components
+from hapfmt.codecs import knots, predicted, quantised
 from hapfmt.codecs.grids import LpcParameters
-from hapfmt.codecs.knots import KnotParameters, build_knots
-from hapfmt.codecs.knots_coded import encode_knots
-from hapfmt.encoder.codebook import choose_codebook
+from hapfmt.codecs.knots import KnotParameters, build_knots, encode_knots
+from hapfmt.codecs.predicted import join_components
 from hapfmt.encoder.predict import encode_best
+from hapfmt.encoder.unit import choose_codebook
 from hapfmt.errors import FormatError
 from hapfmt.limits import LEVELS
 
@@ -89,7 +88,7 @@ class TestCounts:
         ) == clipped(rows, low, high)  # fmt: skip
         coded = encode_knots(ticks, rows, joined)
         assert both(
-            knots_coded, knots_coded.decode_within, coded,
+            knots, knots.decode_coded_within, coded,
             KnotParameters(joined, LpcParameters(), coded=True), *given,
         ) == clipped(rows, low, high)  # fmt: skip
 
@@ -110,7 +109,7 @@ class TestCounts:
                 assert got == expected
                 coded = encode_knots(ticks, values, "linear")
                 parameters = KnotParameters("linear", LpcParameters(), coded=True)
-                got = both(knots_coded, knots_coded.decode_within, coded, parameters, *given)
+                got = both(knots, knots.decode_coded_within, coded, parameters, *given)
                 assert got == expected
 
     @pytest.mark.parametrize("zero", [0, 3])
@@ -120,7 +119,7 @@ class TestCounts:
         data = join_components([encode_best(np.ascontiguousarray(column)) for column in rows.T])
         parameters = LpcParameters(1, zero)
         got = both(
-            components, components.decode_within, data, parameters, *rows.shape, LEVEL, 0, low, high
+            predicted, predicted.decode_within, data, parameters, *rows.shape, LEVEL, 0, low, high
         )
         assert got == clipped(rows + zero, low, high)
 
@@ -171,9 +170,9 @@ class TestBounds:
                 if value * sign > 1 << 32:
                     continue  # no packet of this encoder holds it
                 data = encode_best(np.array([value, 1]))
-                got = both(components, components.decode_within, data, grid, *given)
+                got = both(predicted, predicted.decode_within, data, grid, *given)
                 assert got == wanted if by <= 0 else got == "LPC-003"
                 data = encode_knots(np.array([0, 1]), np.array([[value], [1]]), "hold")
-                got = both(knots_coded, knots_coded.decode_within, data,
+                got = both(knots, knots.decode_coded_within, data,
                            KnotParameters("hold", grid, coded=True), *given)  # fmt: skip
                 assert got == wanted if by <= 0 else got == "LPC-003"

@@ -16,7 +16,7 @@ from terminal import called
 
 import hapfmt
 from hapfmt.cli import VERBS, cli
-from hapfmt.scenes.stylus import simulate
+from hapfmt.lab.scenes.stylus import simulate
 
 TABLE = {"intact": 0, "usage": 1, "nonconforming": 2, "damaged": 3, "unsupported": 4}
 
@@ -217,7 +217,7 @@ class TestExitCodes:
         assert codes["verify"] == codes["decode"] == codes["dump"] == TABLE["damaged"]
 
     def test_unsupported(self, room: Path, tmp_path: Path) -> None:
-        from hapfmt.container.filewriter import FileWriter
+        from hapfmt.writing.filewriter import FileWriter
 
         path = tmp_path / "future.hapf"
         with path.open("wb") as stream:

@@ -13,8 +13,7 @@ from fake_hid import PATH, FakeHid, entry, installed
 from spec import ROOT
 
 from hapfmt.cli import main
-from hapfmt.replay.profile.descriptor import parse_descriptor
-from hapfmt.replay.profile.matching import differences
+from hapfmt.replay.profile.matching import differences, parse_descriptor
 from hapfmt.replay.profile.parse import builtin_names, load_profile
 
 LINUX = sys.platform.startswith("linux")

@@ -15,14 +15,15 @@ from spec import ROOT
 
 import hapfmt
 from hapfmt.cli import cli, plot
-from hapfmt.cli.parts import open_parts
+from hapfmt.cli.common import open_parts
 from hapfmt.errors import MissingExtraError, ParameterError
+from hapfmt.lab.plotting import figures as drawing
+from hapfmt.lab.plotting import pages as layout
+from hapfmt.lab.plotting import panels
+from hapfmt.lab.plotting.pages import grid_shape, placed
+from hapfmt.lab.survey.compare import compare, pair_up
 from hapfmt.limits import Limits
-from hapfmt.plotting import difference, style
-from hapfmt.plotting import pages as layout
-from hapfmt.plotting.pages import grid_shape, placed
 from hapfmt.recording import Calibration, Channel, Recording
-from hapfmt.survey.compare import compare, pair_up
 
 pytest.importorskip("matplotlib")
 from matplotlib.colors import to_hex
@@ -69,7 +70,7 @@ def pages(monkeypatch):
         seen.append((list(figures), kind))
         return [str(file)]
 
-    monkeypatch.setattr(style, "save", save)
+    monkeypatch.setattr(panels, "save", save)
     return seen
 
 
@@ -103,7 +104,7 @@ def check_palette(figure):
                 faces = np.atleast_2d(patch.get_facecolor())
                 colour = lambda faces=faces: tuple(faces[0, :3])  # noqa: E731
             found.setdefault(label, set()).add(to_hex(colour()))
-    assert {label: {style.PALETTE[label]} for label in found} == found
+    assert {label: {panels.PALETTE[label]} for label in found} == found
     ((legend,)) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == list(found)
     return set(found)
@@ -428,17 +429,17 @@ class TestCompare:
     @pytest.mark.parametrize(
         ("count", "differing", "most", "expected"),
         [
-            (13, 9, difference.SMALL, [18]),
+            (13, 9, drawing.SMALL, [18]),
             (8, 8, 4, [8, 8]),
-            pytest.param(13, 13, difference.SMALL, [26], marks=pytest.mark.deep),
-            pytest.param(40, 40, difference.SMALL, [40, 40], marks=pytest.mark.deep),
+            pytest.param(13, 13, drawing.SMALL, [26], marks=pytest.mark.deep),
+            pytest.param(40, 40, drawing.SMALL, [40, 40], marks=pytest.mark.deep),
         ],
     )
     def test_pictures_of_many_channels(
         self, tmp_path, pages, monkeypatch, count, differing, most, expected
     ):
         """Those that differ are drawn in one grid; of more than a page every page is kept."""
-        monkeypatch.setattr(difference, "SMALL", most)
+        monkeypatch.setattr(drawing, "SMALL", most)
         ours = [channel(place, 300) for place in range(count)]
         theirs = [
             replace(each, stored=each.stored + (place < differing))

@@ -21,11 +21,10 @@ from spec import ROOT
 from terminal import called
 
 import hapfmt
-from hapfmt.scenes.stylus import simulate
-from hapfmt.study.answers import load_answers
-from hapfmt.study.description import load_study
-from hapfmt.study.order import order
-from hapfmt.study.prepare import prepare
+from hapfmt.lab.scenes.stylus import simulate
+from hapfmt.lab.study.description import load_study
+from hapfmt.lab.study.prepare import prepare
+from hapfmt.lab.study.rating import load_answers, order
 
 STUDY = """
 name = "textures"
@@ -236,7 +235,7 @@ class TestTerminal:
         (room / "study.toml").write_text(STUDY.replace("sand.hapf", "long.hapf"))
         frames = room / "frames"
         config = {"kind": "loopback", "file": str(frames)}
-        first = f"import hapfmt.study.outputs as o; o.find_device = lambda *_: {config}"
+        first = f"import hapfmt.lab.study.outputs as o; o.find_device = lambda *_: {config}"
         words = ["rate", "study.toml", "--subject", "S1", "--device", "glove.toml"]
         words += ["--map", "0=thumb", "--no-watchdog"]
         with Terminal(room, *words, first=first) as terminal:

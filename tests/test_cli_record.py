@@ -176,7 +176,7 @@ def test_dropped_samples_end_with_3(tmp_path, monkeypatch):
     from click.testing import CliRunner
 
     from hapfmt.cli import cli
-    from hapfmt.live import recorder as module
+    from hapfmt.writing import recorder as module
 
     monkeypatch.setattr(module, "QUEUE_SIZE", 4096)
     monkeypatch.setattr(module.Recorder.__init__, "__kwdefaults__", {

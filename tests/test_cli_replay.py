@@ -22,7 +22,7 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Span
 from hapfmt.errors import DeviceError, FormatError, LateError, MissingExtraError
 from hapfmt.replay.process.report import ReplayReport
-from hapfmt.replay.profile.matching import Device
+from hapfmt.replay.profile.matching import SystemDevice
 from hapfmt.replay.render import Renderer
 
 PROFILE = """
@@ -372,7 +372,7 @@ class TestRefusals:
         assert "hapfmt devices" in said.err and "--dry-run" in said.err
 
     def test_several_devices(self, profile, touch, monkeypatch):
-        two = [Device(path, 0x1209, 0xFFFE) for path in (b"/dev/hidraw1", b"/dev/hidraw2")]
+        two = [SystemDevice(path, 0x1209, 0xFFFE) for path in (b"/dev/hidraw1", b"/dev/hidraw2")]
         monkeypatch.setattr("hapfmt.replay.sinks.hid.connected", lambda: two)
         said = called("replay", touch, "--device", profile)
         assert said.code == 1

@@ -22,7 +22,7 @@ from depth import sample
 from terminal import called
 
 import hapfmt
-from hapfmt.cli import SECTIONS, VERBS, screen, tables
+from hapfmt.cli import SECTIONS, VERBS, screen
 from hapfmt.errors import ParameterError
 
 LABELS = ("thumb_proximal_flexion_torque", "fx", "BioTac electrode 17", "Δ slip velocity")
@@ -149,13 +149,13 @@ def test_columns_left_out_are_named(columns: int, room: Path) -> None:
 class TestTables:
     def laid(self, width: int | None, headers: list[Any], rows: list[list[str]]) -> list[str]:
         columns = [
-            each if isinstance(each, tables.Column) else tables.Column(each) for each in headers
+            each if isinstance(each, screen.Column) else screen.Column(each) for each in headers
         ]
-        return tables.laid_out(columns, rows, width)[0]
+        return screen.laid_out(columns, rows, width)[0]
 
     def test_a_long_label_is_shortened_only_where_nothing_else_is_left(self) -> None:
         label = "index_finger_distal_interphalangeal_joint_torque"
-        headers = ["label", tables.Column("number", 1), tables.Column("what", 2)]
+        headers = ["label", screen.Column("number", 1), screen.Column("what", 2)]
         rows = [[label, "12", "words that wrap"]]
         for width in range(len(label), 100):
             lines = self.laid(width, headers, rows)

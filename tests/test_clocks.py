@@ -20,8 +20,9 @@ from judge import rule, samples
 
 import hapfmt
 from hapfmt.cli import cli
-from hapfmt.clocks import fit_clock, summarise
-from hapfmt.container.clocks import (
+from hapfmt.errors import HapfmtError, ParameterError
+from hapfmt.format.cluster import Packet
+from hapfmt.format.extras import (
     ClockMap,
     ClockObservation,
     build_clocks,
@@ -29,14 +30,12 @@ from hapfmt.container.clocks import (
     parse_clock,
     parse_map,
 )
-from hapfmt.container.cluster import Packet
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.source import BytesSource
-from hapfmt.dump import dump
-from hapfmt.errors import HapfmtError, ParameterError
-from hapfmt.integers import rdiv
+from hapfmt.format.source import BytesSource
+from hapfmt.numbers import rdiv
+from hapfmt.reading.clocks import fit_clock, summarise
+from hapfmt.reading.dump import dump, measure
 from hapfmt.reading.reader import Reader
-from hapfmt.usage import measure
+from hapfmt.writing.filewriter import FileWriter
 
 SEEN = [(0, 10**18, 5000), (1000, 10**18 + 10**9 + 40_000, 0), (900, 10**18 + 9 * 10**8, 7)]
 POINTS = [(0, 10**18), (1000, 10**18 + 10**9 + 40_000)]

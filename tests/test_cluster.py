@@ -14,19 +14,20 @@ from hypothesis import strategies as st
 from judge import rule
 from page import BrokenRule
 
-from hapfmt.container.cluster import (
+from hapfmt.errors import FormatError
+from hapfmt.format.cluster import (
     HEAD_ROOM,
     ROW_ROOM,
+    MissingPackets,
     Packet,
     alone_size,
     build_cluster,
     parse_cluster,
     parse_table_head,
+    salvage_cluster,
 )
-from hapfmt.container.salvage import Hole, salvage_cluster
-from hapfmt.container.track import Component, Track
-from hapfmt.container.wire import cluster_seed
-from hapfmt.errors import FormatError
+from hapfmt.format.track import Component, Track
+from hapfmt.format.wire import cluster_seed
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder
 
@@ -277,6 +278,6 @@ def test_a_packet_of_another_chunk_does_not_hold(packets, sequence):
     """
     payload = build_cluster(packets, cluster_seed(f.FILE_ID, sequence))
     found = list(salvage_cluster(payload, TRACKS, ONE, 0, SEED))
-    assert [type(item) for item in found] == [Hole]
+    assert [type(item) for item in found] == [MissingPackets]
     with pytest.raises(FormatError):
         parse_cluster(payload, TRACKS, ONE, 0, SEED)

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapfmt.live.clusters import PACKET_SAMPLES, Clusters, Rows, pieces_of
-from hapfmt.live.queue import OVERHEAD, Queue
+from hapfmt.writing.clusters import PACKET_SAMPLES, Clusters, SampleRows, pieces_of
+from hapfmt.writing.worker import OVERHEAD, SampleQueue
 
 
 def rows(channels, start, ticks, value=1, dtype=np.int32):
-    return Rows(channels, start, np.full((ticks, len(channels)), value, dtype))
+    return SampleRows(channels, start, np.full((ticks, len(channels)), value, dtype))
 
 
 def spans(clusters):
@@ -91,10 +91,10 @@ def test_pieces_hold_every_sample_once(data):
     while at < ticks:
         stop = min(ticks, at + int(rng.integers(1, 9)))
         if rng.integers(2):
-            parts.append(Rows(tuple(range(width)), at, values[at:stop]))
+            parts.append(SampleRows(tuple(range(width)), at, values[at:stop]))
         else:
             parts += [
-                Rows((channel,), at, values[at:stop, channel : channel + 1])
+                SampleRows((channel,), at, values[at:stop, channel : channel + 1])
                 for channel in rng.permutation(width).tolist()
             ]
         at = stop
@@ -118,7 +118,7 @@ def test_long_stretches_are_cut():
 
 
 def test_a_queue_gives_items_in_order_and_counts_what_the_taker_holds():
-    queue: Queue[str] = Queue(10 * OVERHEAD)
+    queue: SampleQueue[str] = SampleQueue(10 * OVERHEAD)
     assert queue.put("a", 100) and queue.put("b", wake=True)
     assert queue.take(0) == "a" and queue.size == 100 + 2 * OVERHEAD
     assert queue.take(0) == "b" and queue.size == OVERHEAD
@@ -129,7 +129,7 @@ def test_a_queue_gives_items_in_order_and_counts_what_the_taker_holds():
 
 
 def test_a_full_queue_refuses_or_waits():
-    queue: Queue[int] = Queue(1)
+    queue: SampleQueue[int] = SampleQueue(1)
     assert queue.put(1, 10**9)
     assert not queue.put(2, wait=False)
     done = threading.Thread(target=lambda: [queue.take(5), queue.take(5), queue.take(5)])
@@ -142,7 +142,7 @@ def test_a_full_queue_refuses_or_waits():
 
 
 def test_the_takers_error_reaches_all_who_wait():
-    queue: Queue[int] = Queue(1)
+    queue: SampleQueue[int] = SampleQueue(1)
     queue.put(1)
     threading.Timer(0.05, queue.fail, [ValueError("broken")]).start()
     with pytest.raises(ValueError, match="broken"):

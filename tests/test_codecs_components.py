@@ -13,18 +13,20 @@ from hypothesis import strategies as st
 from spec import EXAMPLES
 from twins import built
 
-from hapfmt.codecs import components, predicted
-from hapfmt.codecs.components import (
+from hapfmt.codecs import predicted
+from hapfmt.codecs.grids import LpcParameters
+from hapfmt.codecs.predicted import (
+    INDEX_LIMIT,
+    Predictor,
+    Reference,
     cross_terms,
     decode_predicted,
+    differences,
     encode_component,
     errors_of,
     join_components,
     prediction_errors,
 )
-from hapfmt.codecs.grids import LpcParameters
-from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, differences
-from hapfmt.codecs.references import Reference
 from hapfmt.errors import FormatError
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS
@@ -65,7 +67,7 @@ def read_without(data, span, count, level=TWO):
     """By the readable loops."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(predicted, "compiled", None)
-        patch.setattr(components, "compiled", None)
+        patch.setattr(predicted, "compiled", None)
         try:
             return decode_predicted(data, LpcParameters(), span, count, level, 0).T.tolist()
         except FormatError as error:
@@ -165,7 +167,7 @@ class TestTwins:
         fast = packet_of(rows)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(predicted, "compiled", None)
-            patch.setattr(components, "compiled", None)
+            patch.setattr(predicted, "compiled", None)
             assert packet_of(rows) == fast
 
     @given(strategies.index_arrays(), strategies.predictors())

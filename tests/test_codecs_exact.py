@@ -23,14 +23,11 @@ from twins import changed
 from hapfmt.codecs import exact
 from hapfmt.codecs.entropy import SCALE, Encoder
 from hapfmt.codecs.exact import (
+    CUBIC,
+    SIGNIFICANT,
     ExactParameters,
     corrections_of,
     encode_exact,
-)
-from hapfmt.codecs.predicted import Predictor, encode_indices
-from hapfmt.codecs.values import (
-    CUBIC,
-    SIGNIFICANT,
     in_digits,
     in_places,
     many_in_digits,
@@ -39,9 +36,10 @@ from hapfmt.codecs.values import (
     unordered,
     values_of,
 )
-from hapfmt.container.cluster import Packet
-from hapfmt.container.track import Affine, Component, Track
+from hapfmt.codecs.predicted import Predictor, encode_indices
 from hapfmt.errors import FormatError
+from hapfmt.format.cluster import Packet
+from hapfmt.format.track import Affine, Component, Track
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder
 

@@ -16,8 +16,8 @@ from test_integers import slow_varints
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.knots import KnotParameters, build_knots, decode_knots, parse_knots
 from hapfmt.errors import FormatError
-from hapfmt.integers import rdiv
 from hapfmt.limits import LEVELS
+from hapfmt.numbers import rdiv
 
 pytestmark = pytest.mark.capped
 

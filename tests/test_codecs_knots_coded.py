@@ -15,16 +15,18 @@ from hypothesis import strategies as st
 from spec import EXAMPLES
 
 from hapfmt.codecs.grids import LpcParameters
-from hapfmt.codecs.knots import KnotParameters, build_knots, decode_knots
-from hapfmt.codecs.knots_coded import (
+from hapfmt.codecs.knots import (
+    KnotParameters,
+    build_knots,
     decode_coded_knots,
     decode_indices,
+    decode_knots,
     encode_knots,
 )
-from hapfmt.container.cluster import Packet
 from hapfmt.errors import FormatError, HapfmtError
-from hapfmt.integers import build_varint
+from hapfmt.format.cluster import Packet
 from hapfmt.limits import LEVELS
+from hapfmt.numbers import build_varint
 from hapfmt.reading.decoder import TrackDecoder
 
 pytestmark = pytest.mark.capped

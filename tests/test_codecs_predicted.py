@@ -18,21 +18,21 @@ from hypothesis import strategies as st
 from spec import EXAMPLES
 
 from hapfmt.codecs import predicted
-from hapfmt.codecs.components import decode_predicted
 from hapfmt.codecs.entropy import Encoder, ends_of, share_of
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
 from hapfmt.codecs.predicted import (
     INDEX_LIMIT,
+    SINES,
     Predictor,
     decode_indices,
+    decode_predicted,
     encode_indices,
     parse_header,
 )
-from hapfmt.codecs.sine import SINES
-from hapfmt.container.cluster import Packet
 from hapfmt.deadband import Deadband
 from hapfmt.encoder.predict import encode_best
 from hapfmt.errors import FormatError, HapfmtError
+from hapfmt.format.cluster import Packet
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder
 

@@ -12,18 +12,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_huffman import slow_codes
 
-from hapfmt.codecs.huffman import BLOCK_SIZE, code_lengths
 from hapfmt.codecs.quantised import (
+    BLOCK_SIZE,
     Alphabet,
     QuanParameters,
+    code_lengths,
     decode_levels,
     decode_quantised,
     encode_quantised,
     quantise,
 )
 from hapfmt.errors import FormatError, TruncatedError
-from hapfmt.integers import rdiv
 from hapfmt.limits import LEVELS
+from hapfmt.numbers import rdiv
 
 pytestmark = pytest.mark.capped
 

@@ -38,17 +38,22 @@ from component_programs import (
 )
 from spec import REQUIREMENTS
 
-from hapfmt.container.clocks import ClockMap, parse_clock, parse_map
-from hapfmt.container.cluster import Packet, parse_cluster, parse_rows, parse_table_head
-from hapfmt.container.lists import round_up
-from hapfmt.container.salvage import salvage_cluster
-from hapfmt.container.track import Track
-from hapfmt.container.wire import cluster_seed
 from hapfmt.deadband import Deadband
 from hapfmt.errors import FormatError
+from hapfmt.format.cluster import (
+    Packet,
+    parse_cluster,
+    parse_rows,
+    parse_table_head,
+    salvage_cluster,
+)
+from hapfmt.format.extras import ClockMap, parse_clock, parse_map
+from hapfmt.format.lists import round_up
+from hapfmt.format.track import Track
+from hapfmt.format.wire import cluster_seed
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDigest
-from hapfmt.reading.seconds import tick_range
+from hapfmt.reading.packets import tick_range
 
 ROOM = Path(make_components.ROOM)
 LEVEL = LEVELS[1]

@@ -31,9 +31,9 @@ from test_edit import names, split_up, times
 
 import hapfmt
 from hapfmt import edit
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.source import BytesSource
+from hapfmt.format.source import BytesSource
 from hapfmt.reading.opening import open_catalogue
+from hapfmt.writing.filewriter import FileWriter
 
 OTHER = {"uuid": None, "epoch_ns": EPOCH_NS + 10 * 10**9}
 

@@ -303,7 +303,8 @@ def test_our_implementations_pass_every_case(name, tmp_path):
 
 def test_hapfmt_loads_no_more_than_it_needs(tmp_path):
     code = (
-        "import sys; from hapfmt.conformance.verbs import run\n"
+        f"import sys; sys.path.insert(0, {str(CONFORMANCE / 'adapters' / 'python')!r})\n"
+        "from hapfmt_adapter.verbs import run\n"
         f"assert run(['decode', {str(CONFORMANCE / 'examples' / 'hold.hapf')!r}, {str(tmp_path)!r}]) == 0\n"
         "print(*{'click', 'rich', 'scipy', 'hapfmt.encoder'} & set(sys.modules))"
     )

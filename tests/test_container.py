@@ -21,27 +21,20 @@ from hypothesis import strategies as st
 from judge import rule
 from spec import ROOT, TEXT
 
-from hapfmt.container.extras import (
+from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
+from hapfmt.format.extras import (
     Attachment,
     build_attachment,
     build_metadata,
     parse_attachment,
     parse_metadata,
 )
-from hapfmt.container.layout import TABLES
-from hapfmt.container.source import BytesSource, StreamSource, open_source
-from hapfmt.container.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
-from hapfmt.container.wire import (
-    SIGNATURE,
-    build_chunk,
-    crc32,
-    parse_head,
-    parse_header,
-    seed_of,
-)
-from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
+from hapfmt.format.layout import TABLES
+from hapfmt.format.source import BytesSource, StreamSource, open_source
+from hapfmt.format.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
+from hapfmt.format.wire import SIGNATURE, build_chunk, crc32, parse_head, parse_header, seed_of
 from hapfmt.reading.reader import Reader
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 pytestmark = pytest.mark.capped
 

@@ -18,17 +18,16 @@ from test_damage import check
 
 import hapfmt
 from hapfmt.cli import cli
-from hapfmt.container.cluster import Packet
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.source import BytesSource
-from hapfmt.container.track import Component, Track
-from hapfmt.dump import dump
 from hapfmt.encoder.encode import encode
+from hapfmt.format.cluster import Packet
+from hapfmt.format.source import BytesSource
+from hapfmt.format.track import Component, Track
 from hapfmt.limits import LEVELS
+from hapfmt.reading.dump import dump, measure
 from hapfmt.reading.reader import Reader
+from hapfmt.reading.verifier import verify
 from hapfmt.recording import Calibration, Channel, Deviation, Recording, Span
-from hapfmt.usage import measure
-from hapfmt.verifier import verify
+from hapfmt.writing.filewriter import FileWriter
 
 HEAD = ("HEAD", f.head())
 LEVELS_OF_ONE = f.tlv(1, f.quan_parameters(b"\x22\x22", m=1, r=1))

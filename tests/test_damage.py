@@ -17,7 +17,7 @@ from test_walk import damaged
 import hapfmt
 from hapfmt.errors import HapfmtError
 from hapfmt.reading.reader import Reader
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 pytestmark = pytest.mark.capped
 

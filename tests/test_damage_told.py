@@ -11,7 +11,7 @@ from depth import either
 from test_reader import encoded
 
 import hapfmt
-from hapfmt.damage import told
+from hapfmt.reading.damage import told
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Calibration, Channel, Recording
 

@@ -16,7 +16,7 @@ from msgspec import Meta, Struct, field
 from spec import ROOT
 
 from hapfmt.descriptions import Description, DescriptionError, read, schema_of
-from hapfmt.study.beginning import new_study
+from hapfmt.lab.study.description import new_study
 
 sys.path.insert(0, str(ROOT / "tools"))
 
@@ -31,12 +31,12 @@ def test_the_schemas_are_up_to_date(path: Path) -> None:
 
 
 def valid(name: str) -> Draft202012Validator:
-    path = ROOT / "hapfmt" / name / "schema.json"
+    path = ROOT / "hapfmt" / "lab" / name / "schema.json"
     return Draft202012Validator(json.loads(path.read_text(encoding="utf-8")))
 
 
 def test_built_in_scenes_fit_their_schema() -> None:
-    folder = ROOT / "hapfmt" / "scenes" / "builtin"
+    folder = ROOT / "hapfmt" / "lab" / "scenes" / "builtin"
     scenes = [tomllib.loads(path.read_text("utf-8")) for path in folder.glob("*.toml")]
     assert scenes and all(map(valid("scenes").is_valid, scenes))
     assert not valid("scenes").is_valid(scenes[0] | {"secnds": 1})

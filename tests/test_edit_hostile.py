@@ -17,8 +17,8 @@ from test_annotate import SCENE, annotated
 
 import hapfmt
 from hapfmt import edit
-from hapfmt.container.source import BytesSource
-from hapfmt.container.walk import walk
+from hapfmt.format.source import BytesSource
+from hapfmt.format.walk import walk
 
 FILES = ["paper step", "perceptual", "lossless doubles", "lossless alike"]
 

@@ -35,13 +35,13 @@ from test_edit import merge, split_up, subset
 
 import hapfmt
 from hapfmt import edit
-from hapfmt.appending import open_append
-from hapfmt.container.source import BytesSource
-from hapfmt.edit.extras import combined
+from hapfmt.edit.joining import nearest
+from hapfmt.edit.making import combined
 from hapfmt.edit.original import Original, common_period
-from hapfmt.edit.times import nearest
+from hapfmt.format.source import BytesSource
 from hapfmt.reading.catalogue import Catalogue
 from hapfmt.reading.opening import open_catalogue
+from hapfmt.writing.start import open_append
 
 DAMAGED, UNSUPPORTED = 3, 4
 

@@ -16,16 +16,15 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.codecs.knots import KnotParameters
 from hapfmt.codecs.quantised import QuanParameters
-from hapfmt.container.description import build_track, chunks_of
-from hapfmt.container.lists import round_up
-from hapfmt.encoder.codebook import choose_codebook
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.groups import share_lattice
-from hapfmt.encoder.source import cut, declared_range, held_range
-from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.encoder.settings import Tolerance
+from hapfmt.encoder.source import cut, declared_range, held_range, share_lattice
+from hapfmt.encoder.unit import choose_codebook
+from hapfmt.format.description import build_track, chunks_of
+from hapfmt.format.lists import round_up
+from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.limits import LEVELS
 from hapfmt.recording import Span
-from hapfmt.scenes.stylus import simulate
 
 ONE_COUNT = Tolerance(1, "lsb")
 

@@ -18,18 +18,17 @@ from judge import rule, samples
 
 import hapfmt
 from hapfmt.cli import cli
-from hapfmt.codecs.layers import coded, event_packets, layer_track, rate_of
-from hapfmt.container.cluster import Packet
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.source import BytesSource
-from hapfmt.dump import dump
+from hapfmt.codecs.events import coded, event_packets, layer_track, rate_of
 from hapfmt.errors import LimitError, ParameterError, UnsupportedError
 from hapfmt.events import Event, in_order
+from hapfmt.format.cluster import Packet
+from hapfmt.format.source import BytesSource
 from hapfmt.limits import Limits
+from hapfmt.reading.dump import dump, measure
 from hapfmt.reading.reader import Reader
+from hapfmt.reading.verifier import verify
 from hapfmt.recording import Calibration, Channel, Recording, Span
-from hapfmt.usage import measure
-from hapfmt.verifier import verify
+from hapfmt.writing.filewriter import FileWriter
 
 HEAD = ("HEAD", f.head())
 NAMED = f.tlv(2, f.strings("touch"))

@@ -14,17 +14,15 @@ from hypothesis import strategies as st
 from judge import rule
 
 import hapfmt
-from hapfmt.codecs.exact import ExactParameters
-from hapfmt.codecs.values import CUBIC, PRODUCT, QUOTIENT, SIGNIFICANT
-from hapfmt.container.source import BytesSource
+from hapfmt.codecs.exact import CUBIC, PRODUCT, QUOTIENT, SIGNIFICANT, ExactParameters
 from hapfmt.convert import save
-from hapfmt.dump import dump
 from hapfmt.encoder.settings import Settings
 from hapfmt.errors import ParameterError
+from hapfmt.format.source import BytesSource
+from hapfmt.reading.dump import dump, measure
 from hapfmt.reading.reader import Reader
+from hapfmt.reading.verifier import verify
 from hapfmt.recording import Calibration, Channel, Recording, Span
-from hapfmt.usage import measure
-from hapfmt.verifier import verify
 
 SIZE = 6000
 WALK = np.random.default_rng(1).integers(-30, 31, SIZE).cumsum()

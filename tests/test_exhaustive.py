@@ -18,7 +18,7 @@ from spec import ROOT
 
 import hapfmt
 from hapfmt.errors import FormatError
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 EXAMPLES = ROOT / "conformance" / "examples"
 PRESETS: dict[str, dict] = {

@@ -21,13 +21,13 @@ from hypothesis import strategies as st
 from spec import ROOT
 
 from hapfmt.cli import cli
-from hapfmt.container.cluster import Packet
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.source import BytesSource
-from hapfmt.container.track import Component, Track
 from hapfmt.errors import FormatError, ParameterError
+from hapfmt.format.cluster import Packet
+from hapfmt.format.source import BytesSource
+from hapfmt.format.track import Component, Track
 from hapfmt.reading.follow import Follower
 from hapfmt.reading.opening import open_catalogue
+from hapfmt.writing.filewriter import FileWriter
 
 
 def track(id_: int) -> Track:

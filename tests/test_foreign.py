@@ -15,8 +15,8 @@ from judge import rule, samples
 from spec import ROOT
 
 import hapfmt
-from hapfmt.container.source import BytesSource
-from hapfmt.container.walk import identify
+from hapfmt.format.source import BytesSource
+from hapfmt.format.walk import identify
 
 sys.path.insert(0, str(ROOT / "tools"))
 import faults

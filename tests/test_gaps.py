@@ -16,15 +16,15 @@ from rendering import joined, profile_of
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings, Span
 from hapfmt.errors import ParameterError
-from hapfmt.metrics import band_energy_error_db, snr_hf_db, st_sim
+from hapfmt.lab.metrics import band_energy_error_db, snr_hf_db, st_sim
+from hapfmt.lab.study.outputs import RATE_HZ, Scaling, signal
+from hapfmt.lab.study.prepare import low_passed
+from hapfmt.lab.survey.compare import compare, pair_up
+from hapfmt.lab.survey.parts import RecordingParts
+from hapfmt.lab.survey.views import Builder, survey
 from hapfmt.reading.reader import Reader
 from hapfmt.replay.render import Assignment, Renderer, Route
-from hapfmt.replay.render.feed import Feed
-from hapfmt.study.prepare import low_passed
-from hapfmt.study.sound import RATE_HZ, Level, signal
-from hapfmt.survey.compare import compare, pair_up
-from hapfmt.survey.parts import RecordingParts
-from hapfmt.survey.views import Builder, survey
+from hapfmt.replay.render.feed import ChannelResampler
 
 RATE = 1000
 MILLI = Calibration(1, 0, 1000)
@@ -191,7 +191,7 @@ class TestFilters:
         def sound(first, second):
             numbers = np.array([*first, *second], np.int32)
             made = Channel(numbers, Fraction(rate), spans, calibration=MILLI, unit="N")
-            return signal(made, Level(0.0, 1e-4))
+            return signal(made, Scaling(0.0, 1e-4))
 
         plain = sound(before, after)
         edge, behind = RATE_HZ * len(before) / Fraction(rate), RATE_HZ * at / Fraction(rate)
@@ -263,7 +263,7 @@ class TestRenderer:
     @pytest.mark.parametrize("rate", [100, 3000])
     @pytest.mark.parametrize("band", ["full", "lf", "hf"])
     def test_a_resampler_across_the_gap_is_found(self, band, rate, monkeypatch):
-        add = Feed.add
+        add = ChannelResampler.add
 
         def bridging(self, start, numbers, piece):
             if self.runs and self.runs[-1].stop < start:
@@ -273,7 +273,7 @@ class TestRenderer:
             add(self, start, numbers, piece)
 
         self.check(band, rate, 7)
-        monkeypatch.setattr(Feed, "add", bridging)
+        monkeypatch.setattr(ChannelResampler, "add", bridging)
         with pytest.raises(AssertionError):
             self.check(band, rate, 7)
 

@@ -10,13 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt import Calibration, Channel, Settings
-from hapfmt.encoder import glitches
+from hapfmt.encoder import plan
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.glitches import LEAST, find_glitches, median3, without_glitches
 from hapfmt.encoder.lattice import Tolerance, snap_to_lattice
-from hapfmt.encoder.plan import Promise
-from hapfmt.encoder.source import Source
-from hapfmt.encoder.texture import Felt
+from hapfmt.encoder.plan import LEAST, Promise, find_glitches, median3, without_glitches
+from hapfmt.encoder.source import InputBlock
+from hapfmt.encoder.texture import FeltChannel
 from hapfmt.recording import Recording
 
 HUM = np.round(1000 * np.sin(np.arange(3000) / 40)).astype(np.int16)
@@ -50,7 +49,7 @@ def test_median(values):
 def test_as_the_page_says(values, block):
     x = np.array(values, np.int32)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(glitches, "BLOCK", block)
+        patch.setattr(plan, "BLOCK", block)
         found = find_glitches(x).tolist()
     medians = [sorted(values[i : i + 3])[1] for i in range(len(values) - 2)]
     low, high = min(medians, default=0), max(medians, default=0)
@@ -97,7 +96,7 @@ def test_a_tolerance_in_percent_is_of_the_rest():
 def test_the_slow_part_is_not_drawn_by_them():
     x = with_glitches(1500)
     channel = Channel(x, Fraction(1000), calibration=Calibration(1, 0, 1000), unit="N")
-    source = Source((channel,), x[:, None], channel.coverage)
+    source = InputBlock((channel,), x[:, None], channel.coverage)
     promise = Promise(Tolerance(0.002, "range"), Fraction(1, 10), 20.0)
-    felt = Felt.of(channel.samples(), source, promise, 20.0)
+    felt = FeltChannel.of(channel.samples(), source, promise, 20.0)
     assert np.abs(1000 * felt.slow - HUM).max() < 150

@@ -20,7 +20,7 @@ SLACK = 32 << 20
 
 RUN = """
 import contextlib, io, json, os, resource, sys
-import numpy, hapfmt.writer, hapfmt.verifier, hapfmt.dump, hapfmt.usage, hapfmt.convert.npz
+import numpy, hapfmt.writing.writer, hapfmt.reading.verifier, hapfmt.reading.dump, hapfmt.reading.dump, hapfmt.convert.npz
 import hapfmt.codecs.exact, hapfmt.reading.decoder, rich.table, rich.console, zipfile
 from hapfmt import cli
 from hapfmt.cli import info, verify, dump, du, decode

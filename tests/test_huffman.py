@@ -11,8 +11,14 @@ import strategies
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapfmt.codecs.bits import pack_bits
-from hapfmt.codecs.huffman import Codebook, build_codebook, code_lengths, parse_codebook, read_bits
+from hapfmt.codecs.quantised import (
+    Codebook,
+    build_codebook,
+    code_lengths,
+    pack_bits,
+    parse_codebook,
+    read_bits,
+)
 from hapfmt.errors import FormatError
 
 pytestmark = pytest.mark.capped

@@ -14,10 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
 
-from hapfmt.container.cluster import Packet
-from hapfmt.container.extras import Attachment
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.index import (
+from hapfmt.errors import FormatError
+from hapfmt.format.cluster import Packet
+from hapfmt.format.extras import Attachment
+from hapfmt.format.index import (
     Foot,
     Index,
     IndexEntry,
@@ -29,11 +29,11 @@ from hapfmt.container.index import (
     parse_foot,
     parse_index,
 )
-from hapfmt.container.source import BytesSource
-from hapfmt.container.track import Component, Track
-from hapfmt.errors import FormatError
+from hapfmt.format.source import BytesSource
+from hapfmt.format.track import Component, Track
 from hapfmt.reading.opening import open_catalogue
 from hapfmt.reading.reader import Reader
+from hapfmt.writing.filewriter import FileWriter
 
 pytestmark = pytest.mark.capped
 

@@ -12,9 +12,9 @@ from forge import svarint, varint
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapfmt.codecs.varints import build_varints, from_signed, parse_varints, to_signed
+from hapfmt.codecs.knots import build_varints, from_signed, parse_varints, to_signed
 from hapfmt.errors import FormatError
-from hapfmt.integers import build_svarint, build_varint, clamp, parse_varint, rdiv
+from hapfmt.numbers import build_svarint, build_varint, clamp, parse_varint, rdiv
 
 pytestmark = pytest.mark.capped
 

@@ -10,12 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt.errors import ParameterError
-from hapfmt.scenes import stylus
-from hapfmt.scenes.contact import Drive, System, contact_force, energy, work
-from hapfmt.scenes.description import Stroke
-from hapfmt.scenes.integrators import INTEGRATORS, default_step_s, integrate
-from hapfmt.scenes.stroke import StrokeMotion
-from hapfmt.scenes.waves import Grid
+from hapfmt.lab.scenes import stylus
+from hapfmt.lab.scenes.contact import Drive, System, contact_force, energy, work
+from hapfmt.lab.scenes.description import Stroke
+from hapfmt.lab.scenes.integrators import INTEGRATORS, default_step_s, integrate
+from hapfmt.lab.scenes.motion import StepGrid, StrokeMotion
 
 STYLUS = System(0.060, 250.0, 3.0, 1e5)
 SYSTEMS = [
@@ -243,7 +242,7 @@ class TestExactness:
         stiff = 1e4
         system = System(0.060, 250.0, 3.0, stiff)
         for per_tick in (20, 200):
-            grid = Grid(300, per_tick, 1000)
+            grid = StepGrid(300, per_tick, 1000)
             hand = StrokeMotion(Stroke(), grid, np.random.default_rng(1))
             target = hand.height(grid.times(0, grid.steps), 1 / 250 + 1 / stiff)
             rate, still = np.gradient(target, grid.dt_s), np.zeros(grid.steps)

@@ -22,7 +22,7 @@ from twins import built, changed
 import hapfmt
 from hapfmt.codecs import predicted
 from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, decode_indices, encode_indices
-from hapfmt.encoder import predict, quick
+from hapfmt.encoder import predict
 from hapfmt.errors import FormatError
 from hapfmt.kernels import compiled
 
@@ -50,7 +50,7 @@ def both(call, *arguments):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(predicted, "compiled", None)
         patch.setattr(predict, "compiled", None)
-        patch.setattr(quick, "compiled", None)
+        patch.setattr(predict, "compiled", None)
         return fast, call(*arguments)
 
 

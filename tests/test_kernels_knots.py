@@ -12,16 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins import built, by_the_twin, changed, clamped, same
 
+from hapfmt.codecs import knots
 from hapfmt.codecs import knots as codec
-from hapfmt.codecs import varints
-from hapfmt.codecs.knots import KnotParameters, build_knots, decode_within
-from hapfmt.codecs.varints import build_varints
+from hapfmt.codecs.knots import KnotParameters, build_knots, build_varints, decode_within
 from hapfmt.deadband import Deadband
 from hapfmt.encoder import knots as encoder
 from hapfmt.encoder.knots import select_knots, select_knots_plain
-from hapfmt.integers import build_varint
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS
+from hapfmt.numbers import build_varint
 
 levels = st.sampled_from([LEVELS[1], LEVELS[2]])
 decoded = partial(same, codec, clamped, decode_within)
@@ -142,7 +141,7 @@ class TestSelecting:
 def test_varints(numbers):
     row = np.array(numbers, np.int64)
     fast = build_varints(row)
-    assert fast == by_the_twin(varints, build_varints, row)
+    assert fast == by_the_twin(knots, build_varints, row)
     assert fast == b"".join(map(build_varint, numbers))
 
 

@@ -13,15 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins import built, changed, clamped, packed, same
 
-from hapfmt.codecs import knots_coded as codec
+from hapfmt.codecs import knots as codec
 from hapfmt.codecs.grids import LpcParameters
-from hapfmt.codecs.knots import KnotParameters
-from hapfmt.codecs.knots_coded import decode_within, encode_knots
+from hapfmt.codecs.knots import KnotParameters, decode_coded_within, encode_knots
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS
 
 levels = st.sampled_from([LEVELS[1], LEVELS[2]])
-decoded = partial(same, codec, clamped, decode_within)
+decoded = partial(same, codec, clamped, decode_coded_within)
 encoded = partial(same, codec, packed, encode_knots)
 ranges = st.sampled_from([(-(2**31), 2**31 - 1), (0, 0), (-5, 100), (-(2**23), 2**23 - 1)])
 cases = levels.flatmap(
@@ -104,7 +103,7 @@ def test_more_knots_than_a_second_takes():
         data = encode_knots(ticks, indices, "hold")
         assert len(data) < 2**21
         parameters = KnotParameters("hold", LpcParameters(), coded=True)
-        counts = decode_within(data, parameters, ticks.size, 1, ONE, 0, -99, 99)
+        counts = decode_coded_within(data, parameters, ticks.size, 1, ONE, 0, -99, 99)
         assert (counts == indices).all()
 
 

@@ -13,7 +13,7 @@ from twins import built, changed, clamped, packed, same
 
 from hapfmt.codecs import quantised as codec
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, decode_within, encode_quantised
-from hapfmt.encoder.codebook import choose_codebook
+from hapfmt.encoder.unit import choose_codebook
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS
 

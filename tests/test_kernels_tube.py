@@ -12,7 +12,7 @@ from twins import built
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.encoder import tube as module
 from hapfmt.encoder import vectors
-from hapfmt.encoder.grids import levels_of
+from hapfmt.encoder.gridded import levels_of
 from hapfmt.encoder.tube import COUNT_BOUND, fewest_hold, fewest_linear
 from hapfmt.encoder.vectors import joined_places
 from hapfmt.errors import ParameterError

@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hapfmt.encoder.common_step import simplest_fraction
 from hapfmt.encoder.lattice import (
     Lattice,
     Tolerance,
@@ -23,6 +22,7 @@ from hapfmt.encoder.lattice import (
     sparse,
     to_counts,
 )
+from hapfmt.encoder.rational import simplest_fraction
 from hapfmt.errors import ParameterError
 from hapfmt.limits import EXACT_LIMIT, SINGLE_MAX
 from hapfmt.recording import Calibration, Channel, Deviation

@@ -13,9 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hapfmt
-from hapfmt.codecs.exact import ExactParameters, decode_exact, lacking_of, parse_parameters
-from hapfmt.codecs.values import LINEAR, Term, linear_values
-from hapfmt.container.track import Affine
+from hapfmt.codecs.exact import (
+    LINEAR,
+    ExactParameters,
+    LinearTerm,
+    decode_exact,
+    lacking_of,
+    linear_values,
+    parse_parameters,
+)
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.linear import (
     FORMS,
@@ -29,7 +35,8 @@ from hapfmt.encoder.linear import (
     stretches,
 )
 from hapfmt.errors import FormatError
-from hapfmt.integers import build_varint
+from hapfmt.format.track import Affine
+from hapfmt.numbers import build_varint
 from hapfmt.recording import Channel, Recording, Span
 
 RATE = 1000
@@ -59,8 +66,8 @@ def cases(draw):
             rules.append(ExactParameters(draw(st.integers(0, 1))))
             continue
         known = [a for a in range(count) if a not in linear or a < place]
-        own = st.builds(Term, st.just(place), st.integers(1, 14), weights)
-        other = st.builds(Term, st.sampled_from(known), st.integers(0, 14), weights)
+        own = st.builds(LinearTerm, st.just(place), st.integers(1, 14), weights)
+        other = st.builds(LinearTerm, st.sampled_from(known), st.integers(0, 14), weights)
         terms = draw(st.lists(own | other if known else own, min_size=1, max_size=16))
         rules.append(ExactParameters(LINEAR, 0, (draw(weights),), tuple(terms)))
     columns = [draw(st.lists(doubles, min_size=span, max_size=span)) for _ in range(count)]
@@ -224,7 +231,7 @@ def test_its_own_past_takes_bytes_a_sample():
     """Few bytes may ask for many samples: no object is kept of each."""
     span = 1 << 18
     columns = [np.ones(span), np.empty(span)]
-    terms = [Term(1, 1, 0.5), Term(0, 0, 0.5)]
+    terms = [LinearTerm(1, 1, 0.5), LinearTerm(0, 0, 0.5)]
     moves = np.ones(span, np.int64)
     found = linear_values(np.ones(span), 0.0, terms, columns, moves, 1)
     assert found[0] == np.nextafter(1, 2)

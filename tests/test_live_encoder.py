@@ -14,15 +14,14 @@ from hypothesis import strategies as st
 
 import hapfmt
 from hapfmt import Calibration, ParameterError, Settings
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.track import Track
 from hapfmt.deadband import Deadband
 from hapfmt.encoder import live
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.live import Block, LiveEncoder
+from hapfmt.encoder.live import Block, Input, LiveEncoder
+from hapfmt.format.track import Track
 from hapfmt.limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT
-from hapfmt.live.inputs import Input
 from hapfmt.reading.decoder import TrackDecoder
+from hapfmt.writing.filewriter import FileWriter
 
 ARCHIVE, FAST = Settings("lossless"), Settings(fast=True)
 COUNTS = Input("torque", 1000, unit="N.m", calibration=Calibration(1, 0, 1000))

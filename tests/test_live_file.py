@@ -23,20 +23,20 @@ from hypothesis import strategies as st
 from spec import ROOT
 
 import hapfmt
-import hapfmt.container.track
-from hapfmt import lock as locks
-from hapfmt.appending import open_append
-from hapfmt.container.cluster import Packet
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.source import BytesSource
-from hapfmt.container.track import Track
-from hapfmt.container.walk import walk
+import hapfmt.format.track
+from hapfmt import files as locks
 from hapfmt.errors import HapfmtError, ParameterError
-from hapfmt.live.file import LiveFile, SyncPolicy, create_live, open_live
+from hapfmt.format.cluster import Packet
+from hapfmt.format.source import BytesSource
+from hapfmt.format.track import Track
+from hapfmt.format.walk import walk
+from hapfmt.writing.file import LiveFile, SyncPolicy, create_live, open_live
+from hapfmt.writing.filewriter import FileWriter
+from hapfmt.writing.start import open_append
 
 resource = pytest.importorskip("resource")
 
-TRACK = Track(0, "full", "KNOT", Fraction(1000), 0, (hapfmt.container.track.Component(),),
+TRACK = Track(0, "full", "KNOT", Fraction(1000), 0, (hapfmt.format.track.Component(),),
               b"\0\0\0\1\0", count_min=-100, count_max=100)  # fmt: skip
 FIVE = f.KNOT_DATA
 
@@ -73,7 +73,7 @@ def findings(path: Path) -> set[str]:
         return {found.code for found in reader.findings}
 
 
-def codes(report: hapfmt.verifier.Report) -> set[str]:
+def codes(report: hapfmt.reading.verifier.Report) -> set[str]:
     return {found["code"] for found in report.findings}
 
 
@@ -421,8 +421,8 @@ def test_a_full_disk_at_every_fill_state(small_disk: Path, sizes: tuple[int, ...
 
 OTHER = """
 import sys
-from hapfmt.appending import open_append
-from hapfmt.live.file import create_live
+from hapfmt.writing.start import open_append
+from hapfmt.writing.file import create_live
 try:
     {call}
 except Exception as error:
@@ -484,8 +484,8 @@ class TestLocks:
         path = tmp_path / "a"
         code = """
 import os, sys
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.live.file import create_live
+from hapfmt.writing.filewriter import FileWriter
+from hapfmt.writing.file import create_live
 FileWriter(create_live(sys.argv[1]))
 os.kill(os.getpid(), 9)
 """
@@ -586,7 +586,7 @@ class TestSync:
 
     def test_a_new_name_is_made_durable(self, tmp_path: Path, monkeypatch):
         synced = []
-        monkeypatch.setattr("hapfmt.live.file.sync_directory", synced.append)
+        monkeypatch.setattr("hapfmt.writing.file.sync_directory", synced.append)
         create_live(tmp_path / "a").close()
         create_live(tmp_path / "b", sync=SyncPolicy("never")).close()
         (tmp_path / "c").write_bytes(b"old")

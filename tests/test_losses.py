@@ -7,9 +7,9 @@ import pytest
 from test_damage import TWO
 from test_recover import flipped, payload_of, recovered
 
-from hapfmt.reading.losses import LostSpan
+from hapfmt.reading.damage import LostSpan
 from hapfmt.reading.reader import Reader
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 THREE = f.trak(track_count=3)
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
-from hapfmt.reading.reconstruct import Growing
+from hapfmt.reading.channels import GrowingArray
 
 MIB = 1 << 20
 
@@ -91,7 +91,7 @@ def test_pieces_hold_one_packet():
 def test_growing_is_concatenation(sizes, width):
     rng = np.random.default_rng(sum(sizes))
     parts = [rng.integers(-9, 9, (size, width)).astype(np.int32) for size in sizes]
-    growing = Growing()
+    growing = GrowingArray()
     for part in parts:
         growing.append(part)
     joined = growing.joined()
@@ -101,4 +101,4 @@ def test_growing_is_concatenation(sizes, width):
 
 
 def test_nothing_grew():
-    assert Growing().joined() is None
+    assert GrowingArray().joined() is None

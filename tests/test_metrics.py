@@ -12,7 +12,7 @@ from scipy import signal
 
 from hapfmt.deadband import Deadband
 from hapfmt.errors import MissingExtraError, ParameterError
-from hapfmt.metrics import (
+from hapfmt.lab.metrics import (
     band_energy_error_db,
     max_error,
     resampling_8khz,

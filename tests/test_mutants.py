@@ -81,8 +81,8 @@ class TestList:
                 ), each.name
 
     def test_a_line_that_is_gone_is_an_error(self):
-        lost = mutant("lost", "Nothing.", "CNV-001", Edit("integers:rdiv", "no such line", ""))
-        nowhere = replace(lost, changes=(Edit("integers:no_such_function", "a", "b"),))
+        lost = mutant("lost", "Nothing.", "CNV-001", Edit("numbers:rdiv", "no such line", ""))
+        nowhere = replace(lost, changes=(Edit("numbers:no_such_function", "a", "b"),))
         for each in (lost, nowhere):
             with pytest.raises(NotApplicableError):
                 each.apply()

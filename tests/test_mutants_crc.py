@@ -25,7 +25,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt.limits import Limits
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 FEWEST = 60
 PARTS = 4

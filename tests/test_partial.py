@@ -18,15 +18,15 @@ from test_walk import damaged
 
 import hapfmt
 from hapfmt.codecs.events import CodedEvent, build_events
-from hapfmt.container.cluster import Packet, parse_rows, parse_table_head
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.source import BytesSource
-from hapfmt.container.track import Component, Track
-from hapfmt.container.wire import NO_TRACK
 from hapfmt.errors import FormatError, HapfmtError
+from hapfmt.format.cluster import Packet, parse_rows, parse_table_head
+from hapfmt.format.source import BytesSource
+from hapfmt.format.track import Component, Track
+from hapfmt.format.wire import NO_TRACK
 from hapfmt.reading import packets
 from hapfmt.reading.opening import open_catalogue
 from hapfmt.reading.reader import Reader
+from hapfmt.writing.filewriter import FileWriter
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from spec import ROOT
 
-from hapfmt import plotting
 from hapfmt.errors import MissingExtraError, ParameterError
-from hapfmt.plotting import Demonstrated, demo, style
+from hapfmt.lab.plotting import figures as drawing
+from hapfmt.lab.plotting import panels
+from hapfmt.lab.plotting.figures import Demonstrated
 
 pytest.importorskip("matplotlib")
 sys.path.insert(0, str(ROOT / "tools"))
@@ -43,31 +44,31 @@ MAGIC = {".png": b"\x89PNG\r\n\x1a\n", ".svg": b"<?xml", ".pdf": b"%PDF-"}
 def figures(monkeypatch):
     """What would be saved."""
     seen = []
-    monkeypatch.setattr(demo, "save", lambda made, *_args, **_kind: seen.extend(made))
+    monkeypatch.setattr(drawing, "save", lambda made, *_args, **_kind: seen.extend(made))
     return seen
 
 
 @pytest.mark.parametrize("suffix", MAGIC)
 def test_kinds(tmp_path, suffix):
     path = tmp_path / f"demo{suffix}"
-    plotting.plot_demo(path, parts(500))
+    drawing.plot_demo(path, parts(500))
     assert path.read_bytes().startswith(MAGIC[suffix])
 
 
 def test_same_data_same_picture(tmp_path):
     for name in ("a.png", "b.png"):
-        plotting.plot_demo(tmp_path / name, parts(300))
+        drawing.plot_demo(tmp_path / name, parts(300))
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
 @pytest.mark.parametrize("n", [1, 2, 50, 30_000])
 def test_any_length(tmp_path, n):
-    plotting.plot_demo(tmp_path / "n.png", parts(n))
+    drawing.plot_demo(tmp_path / "n.png", parts(n))
 
 
 def test_what_it_says(figures):
     """Numbers of the stretch, the largest error of all, the sizes, one colour for one meaning."""
-    plotting.plot_demo("x.png", parts(3000), start_s=1.5)
+    drawing.plot_demo("x.png", parts(3000), start_s=1.5)
     (figure,) = figures
     whole, residual, error, sizes = figure.axes
     assert "20 knots instead of 1000 samples" in whole.get_title("left")
@@ -78,14 +79,14 @@ def test_what_it_says(figures):
     assert said[:4] == ["24 kB", "float64", "3 kB · 8.0 times smaller", "lossless"]
     for axes in (whole, residual, error):
         for line in axes.lines:
-            assert line.get_color() == style.PALETTE[line.get_label()]
+            assert line.get_color() == panels.PALETTE[line.get_label()]
     low, high = whole.get_ylim()
     known = parts(3000).original[1500:2500]
     assert high - low < 1.5 * np.ptp(known)
 
 
 def test_no_word_lies_on_a_panel(figures):
-    plotting.plot_demo("x.png", parts(3000))
+    drawing.plot_demo("x.png", parts(3000))
     (figure,) = figures
     figure.savefig(io.BytesIO(), format="png", dpi=figure.dpi)
     panels = [axes.get_window_extent() for axes in figure.axes]
@@ -99,7 +100,7 @@ def test_no_word_lies_on_a_panel(figures):
 def test_it_begins_where_the_signal_first_moves(figures):
     late = parts(5000)
     late.original[:3000] = 0
-    plotting.plot_demo("x.png", late)
+    drawing.plot_demo("x.png", late)
     start, stop = figures[0].axes[0].get_xlim()
     assert start < 3 < stop and stop - start == pytest.approx(1)
 
@@ -108,14 +109,14 @@ def test_awkward(tmp_path):
     """Gaps, no knots, lossless, no residual, silence."""
     with_gap = parts(400, knots=np.zeros(0, int))
     with_gap.original[100:200] = np.nan
-    plotting.plot_demo(tmp_path / "gap.png", with_gap)
+    drawing.plot_demo(tmp_path / "gap.png", with_gap)
     good = parts(400)
     lossless = parts(400, decoded=good.original, half=np.zeros(400))
-    plotting.plot_demo(tmp_path / "lossless.png", lossless, start_s=0.0)
-    plotting.plot_demo(tmp_path / "slow.png", parts(400, decoded=good.lf))
+    drawing.plot_demo(tmp_path / "lossless.png", lossless, start_s=0.0)
+    drawing.plot_demo(tmp_path / "slow.png", parts(400, decoded=good.lf))
     names = ("original", "lf", "decoded", "half")
     silent = parts(400, **{name: np.zeros(400) for name in names})
-    plotting.plot_demo(tmp_path / "silent.png", silent)
+    drawing.plot_demo(tmp_path / "silent.png", silent)
 
 
 def test_refused(tmp_path):
@@ -126,11 +127,11 @@ def test_refused(tmp_path):
         (empty, "at least one sample"),
     ):
         with pytest.raises(ParameterError, match=message):
-            plotting.plot_demo(tmp_path / "x.png", parts(100, **changes))
+            drawing.plot_demo(tmp_path / "x.png", parts(100, **changes))
     with pytest.raises(ParameterError, match="outside"):
-        plotting.plot_demo(tmp_path / "x.png", parts(100), start_s=-1)
+        drawing.plot_demo(tmp_path / "x.png", parts(100), start_s=-1)
     with pytest.raises(ParameterError, match=r"\.svg"):
-        plotting.plot_demo(tmp_path / "x.gif", parts(100))
+        drawing.plot_demo(tmp_path / "x.gif", parts(100))
     assert not list(tmp_path.iterdir())
 
 
@@ -143,12 +144,12 @@ def test_the_picture_of_the_readme():
 def test_missing_matplotlib(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(MissingExtraError, match=r"hapfmt\[plot\]"):
-        plotting.plot_demo(tmp_path / "x.png", parts(100))
+        drawing.plot_demo(tmp_path / "x.png", parts(100))
 
 
 def test_imports_nothing_heavy_and_never_pyplot(tmp_path):
     code = (
-        "import sys, numpy as np, hapfmt.plotting as p\n"
+        "import sys, numpy as np, hapfmt.lab.plotting.figures as p\n"
         "assert 'matplotlib' not in sys.modules\n"
         "x = np.ones(30)\n"
         f"p.plot_demo({str(tmp_path / 'x.png')!r}, p.Demonstrated(x, x, x, x,"
@@ -162,9 +163,9 @@ def test_imports_nothing_heavy_and_never_pyplot(tmp_path):
     ("least", "most"), [(-2e-11, 2e-11), (1e7, 3e7), (5000.0001, 5000.0004), (0.0, 1e-4)]
 )
 def test_no_factor_or_offset_lies_above_an_axis(least, most):
-    axes = style.new_figure(4, 3).add_subplot()
+    axes = panels.new_figure(4, 3).add_subplot()
     axes.plot([0, 1], [least, most])
-    style.style(axes, "", "", "")
+    panels.style(axes, "", "", "")
     axes.figure.draw_without_rendering()
     assert axes.yaxis.get_offset_text().get_text() == ""
     shown = [label.get_text().replace("\N{MINUS SIGN}", "-") for label in axes.get_yticklabels()]
@@ -177,6 +178,6 @@ def test_damage_looks_like_nothing_else():
     def rgb(colour):
         return np.array([int(colour[place : place + 2], 16) for place in (1, 3, 5)])
 
-    damage = rgb(style.DAMAGE)
-    others = {colour for colour in style.PALETTE.values() if colour != style.DAMAGE}
+    damage = rgb(panels.DAMAGE)
+    others = {colour for colour in panels.PALETTE.values() if colour != panels.DAMAGE}
     assert min(np.linalg.norm(damage - rgb(colour)) for colour in others) > 100

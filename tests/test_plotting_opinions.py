@@ -7,14 +7,14 @@ import itertools
 import pytest
 
 from hapfmt.errors import ParameterError
-from hapfmt.plotting import opinions
-from hapfmt.plotting.opinions import plot_opinions
-from hapfmt.study.description import SCALE
-from hapfmt.study.summary import Row, mean_of
+from hapfmt.lab.plotting import figures
+from hapfmt.lab.plotting.figures import plot_opinions
+from hapfmt.lab.study.description import SCALE
+from hapfmt.lab.study.summary import SummaryRow, mean_of
 
 
-def row(name, role="test", k=None, bits=None, values=(50.0, 60.0, 70.0)) -> Row:
-    return Row(name, role, None, mean_of(values), mean_of([0.0, 0.0]), k, bits, 1.0)
+def row(name, role="test", k=None, bits=None, values=(50.0, 60.0, 70.0)) -> SummaryRow:
+    return SummaryRow(name, role, None, mean_of(values), mean_of([0.0, 0.0]), k, bits, 1.0)
 
 
 GRID = [
@@ -29,7 +29,7 @@ def drawn(monkeypatch):
     """The figure, in place of its file."""
     pytest.importorskip("matplotlib")
     found = []
-    monkeypatch.setattr(opinions, "save", lambda figures, *_, **__: found.extend(figures))
+    monkeypatch.setattr(figures, "save", lambda figures, *_, **__: found.extend(figures))
 
     def draw(rows, **how):
         found.clear()

@@ -682,7 +682,7 @@ def test_reading_loads_no_encoder():
 def test_packages_are_attributes():
     code = "import hapfmt; print(hapfmt.edit.subset.__name__, hapfmt.scenes.__name__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["subset", "hapfmt.scenes"]
+    assert done.stdout.split() == ["subset", "hapfmt.lab.scenes"]
     assert "load" not in dir(hapfmt) and {"edit", "scenes", "Summary"} <= set(dir(hapfmt))
 
 

@@ -17,8 +17,8 @@ from judge import rule, samples
 
 import hapfmt
 from hapfmt.errors import FormatError, HapfmtError, LimitError, ParameterError
-from hapfmt.integers import clamp
 from hapfmt.limits import LEVELS, Limits
+from hapfmt.numbers import clamp
 from hapfmt.reading.decoder import TrackDecoder
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Calibration, Channel, Recording, Span

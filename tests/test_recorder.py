@@ -22,8 +22,8 @@ from spec import ROOT
 import hapfmt
 from hapfmt import Calibration, Channel, Input, Recorder, Recording, Settings, Span
 from hapfmt.errors import LimitError, ParameterError
-from hapfmt.live.clusters import Grid, Rows
 from hapfmt.recording import spans_of
+from hapfmt.writing.clusters import ClusterGrid, SampleRows
 
 CALIBRATION = Calibration(1, 3, 200)
 RATES = [Fraction(1), Fraction(10), Fraction(1000), Fraction(44100, 7), Fraction(1, 10)]
@@ -699,11 +699,11 @@ def test_memory_stays_that_of_a_few_clusters(tmp_path):
 @given(st.fractions(Fraction(1, 50), 50), st.sampled_from(RATES), st.integers(0, 10**6))
 @settings(max_examples=examples(200))
 def test_grid(cluster, rate, tick):
-    grid = Grid.of(cluster, rate)
+    grid = ClusterGrid.of(cluster, rate)
     number = grid.number(tick)
     assert number * cluster <= tick / rate < (number + 1) * cluster
     assert grid.start(number) <= tick < grid.start(number + 1)
-    assert Rows((0,), tick, np.zeros((3, 1))).stop == tick + 3
+    assert SampleRows((0,), tick, np.zeros((3, 1))).stop == tick + 3
 
 
 def test_events(tmp_path):

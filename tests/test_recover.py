@@ -17,12 +17,12 @@ from judge import samples
 from test_walk import damaged
 
 import hapfmt
-from hapfmt.container.source import BytesSource
-from hapfmt.container.walk import read_chunk
+from hapfmt.edit.recover import Recovery
 from hapfmt.errors import FormatError, HapfmtError, ParameterError, UnsupportedError
+from hapfmt.format.source import BytesSource
+from hapfmt.format.walk import read_chunk
 from hapfmt.reading.opening import from_walk
-from hapfmt.recovery.recover import Recovery
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 LF = f.trak(kind=1, codec=b"KNOT")
 HF = f.trak(kind=2, base=0, codec=b"KNOT")

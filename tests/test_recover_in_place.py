@@ -10,9 +10,9 @@ from judge import samples
 from test_recover import flipped, packets, payload_of, run
 
 import hapfmt
-from hapfmt.appending import open_append
 from hapfmt.errors import FormatError, ParameterError
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
+from hapfmt.writing.start import open_append
 
 ROWS = [(0, 4 * i, 4, f.svarint(i)) for i in range(4)]
 WHOLE = f.closed(
@@ -86,11 +86,11 @@ def test_a_file_that_is_being_written_is_refused(path):
 
 
 def test_a_failure_changes_nothing(path, monkeypatch):
-    from hapfmt.recovery import inplace
+    from hapfmt.edit import recover
 
     bad = flipped(WHOLE, payload_of(WHOLE, "DATA", 1))
     path.write_bytes(bad)
-    monkeypatch.setattr(inplace.os, "link", lambda *_: (_ for _ in ()).throw(OSError("no")))
+    monkeypatch.setattr(recover.os, "link", lambda *_: (_ for _ in ()).throw(OSError("no")))
     with pytest.raises(OSError, match="no"):
         hapfmt.recover_in_place(path)
     assert (names(path), path.read_bytes()) == (["a.hapf"], bad)

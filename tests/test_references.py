@@ -13,19 +13,27 @@ from hypothesis import strategies as st
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
-from hapfmt.codecs.components import encode_component, split_components
-from hapfmt.codecs.predicted import Predictor, encode_indices, parse_header
+from hapfmt.codecs.predicted import (
+    Predictor,
+    encode_component,
+    encode_indices,
+    parse_header,
+    split_components,
+)
 from hapfmt.encoder import references
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.plan import bound_promise
 from hapfmt.encoder.predict import encode_best
 from hapfmt.encoder.references import (
-    View,
+    SampleView,
+    choose_sources,
     find_links,
+    fit,
     intervals,
+    moments,
+    quick_predictor,
     refer,
 )
-from hapfmt.encoder.weights import choose_sources, fit, moments, quick_predictor
 from hapfmt.recording import Span
 
 ARCHIVE = Settings()
@@ -289,7 +297,7 @@ class TestLinks:
         """Four pieces of a long channel, joined without jumps; all of a short one."""
         values = np.arange(100_000, dtype=np.int32)
         (channel,) = channels([values], coverage=(Span(0, 14_000), Span(50_000, 136_000)))
-        view = View.of(channel.coverage)
+        view = SampleView.of(channel.coverage)
         assert view.places.size == 4 * 4096
         assert view.places[[0, 4096]].tolist() == [10_452, 35_452]
         assert np.flatnonzero(view.torn).tolist() == [0, 3548, 4096, 8192, 12288]
@@ -298,7 +306,7 @@ class TestLinks:
         settled = np.flatnonzero(view.settled)
         assert (settled[0], 3546 in settled, 3547 in settled) == (references.SETTLING, True, False)
         (channel,) = channels([values[:500]])
-        view = View.of(channel.coverage)
+        view = SampleView.of(channel.coverage)
         assert view.indices(channel, 3).tolist() == [(x + 1) // 3 for x in range(500)]
 
     def test_a_jump_that_all_share_is_no_resemblance(self):

@@ -16,17 +16,17 @@ from server import serving
 
 import hapfmt
 from hapfmt.cli import cli
-from hapfmt.container.cluster import Packet
-from hapfmt.container.filewriter import FileWriter
-from hapfmt.container.source import is_url
-from hapfmt.container.track import Component, Track
 from hapfmt.errors import MissingExtraError, ParameterError
+from hapfmt.format.cluster import Packet
+from hapfmt.format.source import is_url
+from hapfmt.format.track import Component, Track
 from hapfmt.reading.reader import Reader
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
+from hapfmt.writing.filewriter import FileWriter
 
 fsspec = pytest.importorskip("fsspec", reason="URLs need the extra 'remote': fsspec")
 pytest.importorskip("aiohttp", reason="http needs the extra 'remote': aiohttp")
-remote = pytest.importorskip("hapfmt.container.remote")
+remote = pytest.importorskip("hapfmt.format.source")
 
 TRACKS, CLUSTERS, TICKS = 200, 120, 1000
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt.errors import DeviceError
-from hapfmt.replay.profile.descriptor import (
+from hapfmt.replay.profile.matching import (
     DEPTH_LIMIT,
     DESCRIPTOR_LIMIT,
     REPORT_LIMIT,

@@ -20,10 +20,8 @@ from fake_hid import PATH, FakeHid, entry, installed
 
 from hapfmt.errors import DeviceError, MissingExtraError, ParameterError
 from hapfmt.replay.frames import Frame
-from hapfmt.replay.profile.descriptor import parse_descriptor
-from hapfmt.replay.profile.layout import Layout
 from hapfmt.replay.profile.matching import (
-    Device,
+    SystemDevice,
     by_path,
     check_fit,
     choose,
@@ -31,10 +29,11 @@ from hapfmt.replay.profile.matching import (
     differences,
     fits,
     match_text,
+    parse_descriptor,
     profiles_for,
     wanted_of,
 )
-from hapfmt.replay.profile.model import Actuator, Match, Profile, Report, Timing
+from hapfmt.replay.profile.model import Actuator, HidReport, Match, Profile, ReportLayout, Timing
 from hapfmt.replay.sinks import hid
 from hapfmt.replay.sinks.hid import HidSink, connected, find, read_descriptor
 
@@ -47,7 +46,7 @@ def profile(
 ) -> Profile:
     actuator = Actuator("a", "N", -1.0, 1.0, 10.0, 0.001)
     layouts = tuple(
-        Layout(path, number, length, (), *short) for path, number, length, *short in reports
+        ReportLayout(path, number, length, (), *short) for path, number, length, *short in reports
     )
     return Profile(name, "", "", matches, Timing(Fraction(1000)), (actuator,), layouts, **others)
 
@@ -142,7 +141,9 @@ class TestConnected:
     def test_what_hidapi_says(self, module):
         module.entries[:] = [entry(), entry(b"/odd \xc3\xa9", bus_type=2, usage_page=1, usage=5)]
         glove, odd = connected()
-        assert glove == Device(PATH, 0x1209, 0xC0DE, "usb", 0xFF00, 1, "Glove", "HapLab", "SN1", 0)
+        assert glove == SystemDevice(
+            PATH, 0x1209, 0xC0DE, "usb", 0xFF00, 1, "Glove", "HapLab", "SN1", 0
+        )
         assert (odd.bus, odd.usage_page, odd.usage) == ("bluetooth", 1, 5)
         assert (glove.ids, glove.place) == ("1209:c0de", "/dev/hidraw7")
         assert odd.place == os.fsdecode(b"/odd \xc3\xa9")
@@ -161,7 +162,7 @@ class TestConnected:
         ]
         del module.entries[0]["interface_number"]
         (found,) = connected()
-        assert found == Device(PATH, 0x1209, 0xC0DE)
+        assert found == SystemDevice(PATH, 0x1209, 0xC0DE)
 
     def test_that_the_system_cannot_say(self, module):
         def broken():
@@ -175,7 +176,7 @@ class TestConnected:
 class TestSink:
     def test_reports_go_by_their_paths_in_order(self, module):
         sink = opened(GLOVE_PROFILE)
-        reports = (Report("output", b"\1" + bytes(11)), Report("feature", b"\3abc"))
+        reports = (HidReport("output", b"\1" + bytes(11)), HidReport("feature", b"\3abc"))
         sink.send(Frame(0, 0, ((0,),)), reports)
         sink.write(reports[:1])
         sink.close()
@@ -236,7 +237,7 @@ class TestSink:
             "error": lambda: text,
         }
         with pytest.raises(DeviceError, match=shown) as caught:
-            opened().write((Report(path, b"\1ab"),))
+            opened().write((HidReport(path, b"\1ab"),))
         assert f"/dev/hidraw7: {path} report 0x01 was not taken" in str(caught.value)
         assert caught.value.exit_code == 6
 
@@ -246,7 +247,7 @@ class TestSink:
 
         module.answers |= {"write": lambda _: -1, "error": broken}
         with pytest.raises(DeviceError, match="hidapi gives no reason"):
-            opened().write((Report("output", b"\1ab"),))
+            opened().write((HidReport("output", b"\1ab"),))
 
     def test_a_call_that_raises(self, module):
         def broken(_):
@@ -254,7 +255,7 @@ class TestSink:
 
         module.answers["send_feature_report"] = broken
         with pytest.raises(DeviceError, match="feature report 0x01 was not taken: gone"):
-            opened().write((Report("feature", b"\1ab"),))
+            opened().write((HidReport("feature", b"\1ab"),))
 
     @pytest.mark.parametrize(("times", "calls"), [(1, 2), (2, 2)])
     def test_a_signal_during_a_call_is_no_loss_of_the_device(self, module, times, calls):
@@ -266,32 +267,32 @@ class TestSink:
         }
         sink = opened()
         if times == 1:
-            sink.write((Report("feature", b"\1ab"),))
+            sink.write((HidReport("feature", b"\1ab"),))
         else:
             with pytest.raises(DeviceError, match=os.strerror(errno.EINTR)):
-                sink.write((Report("feature", b"\1ab"),))
+                sink.write((HidReport("feature", b"\1ab"),))
         assert module.sent == calls * [("send_feature_report", b"\1ab")]
 
     def test_a_short_write(self, module):
         module.answers["write"] = lambda data: len(data) - 1
         with pytest.raises(DeviceError, match="took 2 of 3 bytes"):
-            opened().write((Report("output", b"\1ab"),))
+            opened().write((HidReport("output", b"\1ab"),))
 
     def test_a_device_that_takes_nothing(self, module):
         module.answers["write"] = lambda _: 0
         with pytest.raises(DeviceError, match="took 0 of 3 bytes"):
-            opened().write((Report("output", b"\1ab"),))
+            opened().write((HidReport("output", b"\1ab"),))
 
     def test_a_longer_answer_is_none(self, module):
         """Windows counts the bytes that it added."""
         module.answers["write"] = lambda _: 64
-        opened().write((Report("output", b"\1ab"),))
+        opened().write((HidReport("output", b"\1ab"),))
 
     def test_nothing_after_a_report_that_failed(self, module):
         module.answers["write"] = lambda data: -1 if data[0] == 2 else len(data)
         sink = opened()
         with pytest.raises(DeviceError):
-            sink.write(tuple(Report("output", bytes([number, 0])) for number in (1, 2, 3)))
+            sink.write(tuple(HidReport("output", bytes([number, 0])) for number in (1, 2, 3)))
         assert [data[0] for _, data in module.sent] == [1, 2]
 
     def test_a_device_that_is_not_there(self, module):
@@ -339,7 +340,7 @@ class TestSink:
     def test_not_open(self, module):
         sink = HidSink(PATH)
         sink.close()
-        for call in (sink.descriptor, lambda: sink.write((Report("output", b"\1"),))):
+        for call in (sink.descriptor, lambda: sink.write((HidReport("output", b"\1"),))):
             with pytest.raises(DeviceError, match="not open"):
                 call()
         assert not module.calls
@@ -351,7 +352,7 @@ class TestSink:
         sink.close()
         sink.close()
         sink.open()
-        sink.write((Report("output", b"\1"),))
+        sink.write((HidReport("output", b"\1"),))
         sink.close()
         assert module.objects == 2
         assert module.names == ["open_path", "close", "open_path", "write", "close"]
@@ -372,7 +373,7 @@ class TestCallsNeverOverlap:
         sink = opened()
         threads = [
             threading.Thread(
-                target=lambda: [sink.write((Report("output", b"\1"),)) for _ in range(20)]
+                target=lambda: [sink.write((HidReport("output", b"\1"),)) for _ in range(20)]
             )
             for _ in range(4)
         ]
@@ -392,7 +393,7 @@ class TestCallsNeverOverlap:
 
         module.answers["write"] = slow
         sink = opened()
-        thread = threading.Thread(target=lambda: sink.write((Report("output", b"\1"),)))
+        thread = threading.Thread(target=lambda: sink.write((HidReport("output", b"\1"),)))
         thread.start()
         assert started.wait(10)
         sink.close()
@@ -410,7 +411,7 @@ class TestCallsNeverOverlap:
 
         module.answers["write"] = hung
         sink = opened()
-        thread = threading.Thread(target=lambda: sink.write((Report("output", b"\1"),)))
+        thread = threading.Thread(target=lambda: sink.write((HidReport("output", b"\1"),)))
         thread.start()
         assert started.wait(10)
         sink.close()
@@ -433,7 +434,7 @@ class TestCallsNeverOverlap:
 
         def many():
             with pytest.raises(DeviceError, match="not open") as caught:
-                sink.write(tuple(Report("output", bytes([number, 0])) for number in range(50)))
+                sink.write(tuple(HidReport("output", bytes([number, 0])) for number in range(50)))
             refused.append(caught.value)
 
         thread = threading.Thread(target=many)
@@ -453,14 +454,14 @@ class TestCallsNeverOverlap:
         module.under_way = threading.RLock()
         try:
             with pytest.raises(DeviceError, match="not open"):
-                sink.write((Report("output", b"\1"), Report("output", b"\2")))
+                sink.write((HidReport("output", b"\1"), HidReport("output", b"\2")))
         finally:
             signal.signal(signal.SIGUSR1, before)
         assert module.sent == [("write", b"\1")]
 
 
 class TestMatching:
-    glove = Device(PATH, 0x1209, 0xC0DE, "usb", 0xFF00, 1)
+    glove = SystemDevice(PATH, 0x1209, 0xC0DE, "usb", 0xFF00, 1)
 
     @pytest.mark.parametrize(
         ("match", "expected"),
@@ -501,9 +502,9 @@ class TestMatching:
 
 
 class TestChoose:
-    glove = Device(PATH, 0x1209, 0xC0DE, "usb", 0xFF00, 1)
+    glove = SystemDevice(PATH, 0x1209, 0xC0DE, "usb", 0xFF00, 1)
     second = glove._replace(path=b"/dev/hidraw8")
-    keyboard = Device(b"/dev/hidraw0", 0x046D, 0xC31C, "usb", 1, 6)
+    keyboard = SystemDevice(b"/dev/hidraw0", 0x046D, 0xC31C, "usb", 1, 6)
 
     def test_the_only_one(self):
         """However many collections it has."""
@@ -615,9 +616,9 @@ class TestDifferences:
         given = profile(
             ("output", 1, 12),
             matches=(),
-            init=(Report("feature", b"\5"),),
-            neutral=(Report("output", b"\1" + bytes(11)),),
-            exit=(Report("output", b"\1"), Report("output", b"\6\0")),
+            init=(HidReport("feature", b"\5"),),
+            neutral=(HidReport("output", b"\1" + bytes(11)),),
+            exit=(HidReport("output", b"\1"), HidReport("output", b"\6\0")),
         )
         text = told(given, hd.GLOVE5)
         assert "feature report 0x05" in text and "output report 0x06" in text
@@ -627,7 +628,7 @@ class TestDifferences:
         ]  # fmt: skip
 
     def test_what_is_short_in_frames_is_short_at_rest(self):
-        stop = Report("output", b"\x10" + bytes(9))
+        stop = HidReport("output", b"\x10" + bytes(9))
         assert (
             told(profile(("output", 0x10, 10, True), matches=(), neutral=(stop,)), hd.JOYCON) == ""
         )

@@ -12,7 +12,7 @@ import pytest
 from virtual_hid.model import Device, Fault
 from virtual_hid.world import world
 
-from hapfmt.replay.profile.descriptor import parse_descriptor
+from hapfmt.replay.profile.matching import parse_descriptor
 
 pytestmark = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="virtual devices are Linux'"
@@ -30,11 +30,11 @@ BEGIN = """
 import sys
 from hapfmt.errors import HapfmtError
 from hapfmt.replay.profile.matching import choose
-from hapfmt.replay.profile.model import Report
+from hapfmt.replay.profile.model import HidReport
 from hapfmt.replay.profile.parse import load_profile
 from hapfmt.replay.sinks.hid import HidSink, connected, find
 profile = load_profile("glove5")
-frame = lambda n: Report("output", bytes([1, n]) + bytes(10))
+frame = lambda n: HidReport("output", bytes([1, n]) + bytes(10))
 def told(call):
     try:
         call()
@@ -112,7 +112,7 @@ def test_reports_arrive_as_they_are():
 sink = HidSink(find(profile).path, profile)
 sink.open()
 for n in range(200):
-    sink.write((frame(n), Report("feature", bytes([5, n, 0, 255]))) if n % 10 == 0 else (frame(n),))
+    sink.write((frame(n), HidReport("feature", bytes([5, n, 0, 255]))) if n % 10 == 0 else (frame(n),))
 sink.close()
 """,
         )

@@ -15,9 +15,8 @@ from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.errors import ParameterError
 from hapfmt.reading.reader import Reader
 from hapfmt.replay.render import Assignment, Renderer, Route, assign
-from hapfmt.replay.render.grid import NOWHERE, Grid, samples_in
-from hapfmt.replay.render.kernels import kernel
-from hapfmt.replay.render.units import factor_for, parse_term
+from hapfmt.replay.render.assign import factor_for, parse_term
+from hapfmt.replay.render.feed import NOWHERE, DeviceGrid, kernel, samples_in
 
 MILLI = Calibration(1, 0, 1000)
 FLAT, STOP, FLOOR_DB = 0.85, 1.16, -80.0
@@ -31,7 +30,7 @@ fractions = st.fractions(0, 10**6, max_denominator=10**6)
 def resampled(x, shape, ratio, count):
     """``count`` samples of a device, of a signal that goes on on both sides as it ends."""
     chosen = kernel(shape, ratio)
-    places = Grid(Fraction(0), ratio, Fraction(1)).places(0, count)
+    places = DeviceGrid(Fraction(0), ratio, Fraction(1)).places(0, count)
     pad = chosen.half
     return chosen.apply(np.pad(x, pad, mode="symmetric"), -pad, places.ticks, places.phases)
 
@@ -41,7 +40,7 @@ class TestPlaces:
         fractions, fractions.filter(bool), st.fractions("0.0001", 200_000), st.integers(0, 10**12)
     )
     def test_are_exact(self, start, step, rate, number):
-        grid = Grid(start, step, rate)
+        grid = DeviceGrid(start, step, rate)
         ticks, phases = grid.places(number, 5)
         for i in range(5):
             place = (start + (number + i) * step) * rate
@@ -51,12 +50,12 @@ class TestPlaces:
 
     def test_beyond_64_bits(self):
         """A tick that nothing covers, where the true one has no room; phases of any denominator."""
-        grid = Grid(Fraction(10**30), Fraction(1, 3), Fraction(200_000))
+        grid = DeviceGrid(Fraction(10**30), Fraction(1, 3), Fraction(200_000))
         assert set(grid.places(0, 3).ticks.tolist()) == {NOWHERE}
         odd = Fraction(1, 10**39 + 7)
-        assert Grid(Fraction(0), odd, Fraction(1)).places(1, 1).phases[0] == float(odd)
+        assert DeviceGrid(Fraction(0), odd, Fraction(1)).places(1, 1).phases[0] == float(odd)
         below = 1 - Fraction(1, 10**30)
-        assert Grid(below, Fraction(1), Fraction(1)).places(0, 1).phases[0] == np.nextafter(
+        assert DeviceGrid(below, Fraction(1), Fraction(1)).places(0, 1).phases[0] == np.nextafter(
             1.0, 0.0
         )
 

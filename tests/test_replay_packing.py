@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 
 from hapfmt.errors import ParameterError
 from hapfmt.replay.frames import Frame
-from hapfmt.replay.profile.layout import Const, Crc32, Layout, Mapped, One, Samples
-from hapfmt.replay.profile.maps import AMPLITUDE_CEILING, MAPS, rumble_amplitude
-from hapfmt.replay.profile.model import Profile
-from hapfmt.replay.profile.packing import Packer
+from hapfmt.replay.profile.model import Const, Crc32, Mapped, One, Profile, ReportLayout, Samples
+from hapfmt.replay.profile.packing import AMPLITUDE_CEILING, MAPS, Packer, rumble_amplitude
 from hapfmt.replay.profile.parse import builtin_names, load_profile, parse_profile
 
 BUILTIN = builtin_names()
@@ -193,7 +191,7 @@ def test_counts_beyond_the_limits_are_refused(name):
         packer.pack(frame(*[()] * one.timing.frame_samples))
 
 
-def unpacked(one: Profile, layout: Layout, data: bytes) -> dict[tuple[int, str], int]:
+def unpacked(one: Profile, layout: ReportLayout, data: bytes) -> dict[tuple[int, str], int]:
     """(sample, actuator) -> count, of the plain fields; checks what never changes and the CRC."""
     found = {}
     assert len(data) == layout.length and data[0] == layout.id

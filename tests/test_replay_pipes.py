@@ -21,41 +21,32 @@ from hypothesis.extra.numpy import arrays
 from replaying import PATIENT_S, lines, until
 
 from hapfmt.errors import DeviceError, ParameterError
-from hapfmt.replay.frames import Block, Frame
-from hapfmt.replay.process import realtime
-from hapfmt.replay.process.blocks import (
-    Sent,
-    pack_block,
-    pack_log,
-    parse_block,
-    parse_log,
-    parts,
-)
+from hapfmt.replay.frames import Frame, FrameBlock
+from hapfmt.replay.process import children
+from hapfmt.replay.process.blocks import Sent, pack_block, pack_log, parse_block, parse_log, parts
 from hapfmt.replay.process.children import COLUMNS, LINES, Errors, descriptor, start
-from hapfmt.replay.process.keys import BYTES, Keys, split
-from hapfmt.replay.process.messages import (
+from hapfmt.replay.process.keys import BYTES, TerminalKeys, split
+from hapfmt.replay.process.pipes import (
     HEADER,
     SIZE_LIMIT,
     Inbox,
+    Inlet,
     Kind,
     Message,
     MessageError,
-    pack,
-    pack_json,
-    reports_json,
-    reports_of,
-)
-from hapfmt.replay.process.pipes import (
-    Inlet,
     Outlet,
     ThreadedInlet,
     ThreadedOutlet,
     inlet,
     outlet,
+    pack,
+    pack_json,
+    reports_json,
+    reports_of,
 )
 from hapfmt.replay.process.report import ReplayReport
 from hapfmt.replay.process.watchdog import first_message
-from hapfmt.replay.profile.model import Report
+from hapfmt.replay.profile.model import HidReport
 from hapfmt.replay.sinks import open_sink
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX only")
@@ -127,7 +118,7 @@ class TestMessages:
             Message(Kind.STATUS, payload).fields()
 
     def test_reports(self):
-        reports = (Report("output", b"\1\2"), Report("feature", b"\3"))
+        reports = (HidReport("output", b"\1\2"), HidReport("feature", b"\3"))
         assert reports_of(json.loads(json.dumps(reports_json(reports)))) == reports
         for wrong in (3, [["output", "xy"]], [["input", "00"]], [["output"]], [[1, 2]]):
             with pytest.raises(MessageError):
@@ -141,9 +132,9 @@ def message_bodies(message: Message) -> None:
 
 
 @st.composite
-def blocks(draw: Any) -> Block:
+def blocks(draw: Any) -> FrameBlock:
     shape = draw(st.tuples(st.integers(0, 9), st.integers(0, 4)))
-    return Block(
+    return FrameBlock(
         draw(st.integers(-(2**63), 2**63 - 20)),
         draw(arrays(np.float64, shape)),
         draw(arrays(np.bool_, shape)),
@@ -152,7 +143,7 @@ def blocks(draw: Any) -> Block:
     )
 
 
-def same(x: Block, y: Block) -> bool:
+def same(x: FrameBlock, y: FrameBlock) -> bool:
     arrays_equal = x.values.tobytes() == y.values.tobytes() and np.array_equal(x.known, y.known)
     return arrays_equal and x._replace(values=0, known=0) == y._replace(values=0, known=0)
 
@@ -176,7 +167,7 @@ class TestBlocks:
     def test_parts_of_many_actuators_at_a_high_rate(self):
         """50 ms of 256 actuators at 96 kHz: each message within its limit."""
         values = np.zeros((4800, 256))
-        for part in parts(Block(0, values, values == 0)):
+        for part in parts(FrameBlock(0, values, values == 0)):
             inbox = Inbox()
             inbox.feed(pack(Kind.BLOCK, pack_block(part)))
             message = inbox.take()
@@ -425,7 +416,7 @@ class TestErrors:
 class TestRealtime:
     def test_each_says_what_it_got(self):
         code = (
-            "from hapfmt.replay.process import realtime; import json;"
+            "from hapfmt.replay.process import children as realtime; import json;"
             "print(json.dumps([realtime.apply(), realtime.nothing()]))"
         )
         done = subprocess.run(
@@ -445,7 +436,7 @@ class TestRealtime:
             "for name in ('RLIMIT_RTPRIO', 'RLIMIT_NICE'):\n"
             "    resource.setrlimit(getattr(resource, name), (0, 0))\n"
             "resource.setrlimit(resource.RLIMIT_MEMLOCK, (4096, 4096))\n"
-            "from hapfmt.replay.process import realtime\n"
+            "from hapfmt.replay.process import children as realtime\n"
             "if os.geteuid() == 0:\n"
             "    os.setuid(65534)\n"
             "print(json.dumps(realtime.apply()))"
@@ -462,8 +453,8 @@ class TestRealtime:
         def refused() -> str:
             raise PermissionError(1, "no")
 
-        assert realtime.attempted(lambda: "yes") == "yes"
-        assert realtime.attempted(refused) == "not permitted (no)"
+        assert children.attempted(lambda: "yes") == "yes"
+        assert children.attempted(refused) == "not permitted (no)"
 
 
 class TestKeys:
@@ -490,7 +481,7 @@ class TestKeys:
         master, slave = pty.openpty()
         try:
             before = termios.tcgetattr(slave)
-            with pytest.raises(KeyError), Keys(slave) as keys:
+            with pytest.raises(KeyError), TerminalKeys(slave) as keys:
                 assert termios.tcgetattr(slave) != before
                 assert keys.pressed() == []
                 os.write(master, b" \x1b[C\x1b[Dxq")
@@ -508,14 +499,14 @@ class TestKeys:
         import pty
 
         master, slave = pty.openpty()
-        with Keys(slave) as keys:
+        with TerminalKeys(slave) as keys:
             os.close(master)
             os.close(slave)
             assert keys.pressed() == []
 
     def test_no_terminal(self):
         near, far = os.pipe()
-        with Keys(near) as keys:
+        with TerminalKeys(near) as keys:
             os.write(far, b"q")
             assert keys.pressed() == []
         os.close(near)
@@ -549,7 +540,7 @@ class TestLoopback:
     def test_lines(self, tmp_path):
         file = tmp_path / "device"
         sink = self.frames(file=str(file))
-        reports = (Report("output", b"\1" + bytes(11)),)
+        reports = (HidReport("output", b"\1" + bytes(11)),)
         sink.send(Frame(3, 17, ((0,),)), reports)
         sink.close()
         sink.close()

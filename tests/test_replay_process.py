@@ -40,9 +40,9 @@ from hapfmt.errors import ParameterError
 from hapfmt.replay.frames import Frame
 from hapfmt.replay.process import player
 from hapfmt.replay.process.keys import Key
-from hapfmt.replay.process.player import Status, play
+from hapfmt.replay.process.player import PlayerStatus, play
 from hapfmt.replay.process.report import ReplayReport
-from hapfmt.replay.profile.model import Report
+from hapfmt.replay.profile.model import HidReport
 from hapfmt.replay.render.assign import assign
 from hapfmt.replay.render.renderer import Renderer
 
@@ -249,7 +249,7 @@ class TestEnds:
 
     @pytest.mark.deep
     def test_an_error_of_the_caller(self, file):
-        def on_status(_: Status) -> None:
+        def on_status(_: PlayerStatus) -> None:
             raise KeyError("made up")
 
         with pytest.raises(KeyError):
@@ -450,9 +450,9 @@ class Pressing:
 
     def __init__(self, keys: dict[int, Key]) -> None:
         self.keys, self.asked = keys, -1
-        self.statuses: list[Status] = []
+        self.statuses: list[PlayerStatus] = []
 
-    def __call__(self, status: Status) -> None:
+    def __call__(self, status: PlayerStatus) -> None:
         self.statuses.append(status)
 
     def pressed(self) -> list[Key]:
@@ -516,7 +516,7 @@ class Recorded:
 
     def close(self) -> None: ...
 
-    def send(self, frame: Frame, reports: tuple[Report, ...]) -> None:
+    def send(self, frame: Frame, reports: tuple[HidReport, ...]) -> None:
         assert reports == ()
         if len(self.frames) == self.fails_at:
             raise OSError(28, "no space left")

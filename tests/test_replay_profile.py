@@ -20,8 +20,13 @@ from hapfmt.errors import ParameterError
 from hapfmt.replay.frames import Frame
 from hapfmt.replay.profile.model import Actuator, CountLimits, Match, Profile, Timing
 from hapfmt.replay.profile.packing import Packer
-from hapfmt.replay.profile.parse import builtin_names, load_profile, parse_profile, profile_of
-from hapfmt.replay.profile.rules import check
+from hapfmt.replay.profile.parse import (
+    builtin_names,
+    check,
+    load_profile,
+    parse_profile,
+    profile_of,
+)
 
 PACKAGE = resources.files("hapfmt.replay.profile")
 SCHEMA = json.loads((PACKAGE / "schema.json").read_text(encoding="utf-8"))

@@ -20,12 +20,12 @@ import pytest
 from replay_scenes import profile_of
 from spec import ROOT
 
-from hapfmt.replay.frames import Block
+from hapfmt.replay.frames import FrameBlock
 from hapfmt.replay.process import watchdog
-from hapfmt.replay.process.clock import clock
-from hapfmt.replay.process.guard import Guard
-from hapfmt.replay.process.loop import Loop
-from hapfmt.replay.process.messages import Kind, Message
+from hapfmt.replay.process.children import clock
+from hapfmt.replay.process.loop import FrameLoop
+from hapfmt.replay.process.pipes import Kind, Message
+from hapfmt.replay.process.watchdog import Guard
 from hapfmt.replay.profile.model import Profile
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals that stop a process")
@@ -550,10 +550,10 @@ class TestTripped:
                 return self.tripped
 
         device: Any = Device()
-        loop = Loop(profile, 1.0, device, Silence(), Silence(), [], log=False)
+        loop = FrameLoop(profile, 1.0, device, Silence(), Silence(), [], log=False)
         loop.guard, loop.begun = Tripping(), True
         values = np.full((1000, 5), 3.0)
-        loop.schedule.feed(Block(0, values, values > 0, 0, True))
+        loop.schedule.feed(FrameBlock(0, values, values > 0, 0, True))
         loop.run()
         assert (device.forces, device.others) == (100, profile.timing.neutral_count)
         assert loop.report()["outcome"] == "late"
@@ -600,7 +600,7 @@ class TestWatchdogClock:
             def send(self, *_): ...
 
         monkeypatch.setattr(watchdog, "seconds", lambda: clock[0])
-        setup = watchdog.Setup({}, (), 0.1, 0.001, False)
+        setup = watchdog.WatchdogSetup({}, (), 0.1, 0.001, False)
         watched = watchdog.Watchdog(setup, Nothing(), Source(), Nothing(), [])
         assert watched.watch() == ""
 

@@ -12,10 +12,8 @@ from hypothesis import strategies as st
 from replay_watch import AWKWARD, SCENES, Watch, make_actuator, make_block, make_profile
 
 from hapfmt.errors import ParameterError
-from hapfmt.replay.envelope import ramp_samples
-from hapfmt.replay.limiter import Limiter
 from hapfmt.replay.profile.model import CountLimits
-from hapfmt.replay.schedule import Schedule
+from hapfmt.replay.schedule import Limiter, Schedule, ramp_samples
 
 MS = 10**6
 ALL = 10**6

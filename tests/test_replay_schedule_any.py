@@ -20,12 +20,9 @@ from hypothesis.stateful import (
 )
 from replay_watch import SCENES, Watch, profiles, rows
 
-from hapfmt.replay import lane
-from hapfmt.replay.envelope import Envelope
-from hapfmt.replay.frames import Block
-from hapfmt.replay.lane import Lane
-from hapfmt.replay.limiter import Limiter
-from hapfmt.replay.schedule import Schedule
+from hapfmt.replay import schedule
+from hapfmt.replay.frames import FrameBlock
+from hapfmt.replay.schedule import ActuatorPath, Envelope, Limiter, Schedule
 
 HOUR_NS = 3600 * 10**9
 
@@ -44,7 +41,7 @@ class Replays(RuleBasedStateMachine):
 
     def feed(self, data, first, samples, **more):
         values, known = data.draw(rows(self.watch.profile, samples))
-        self.watch.feed(Block(first, values, known, self.generation, **more))
+        self.watch.feed(FrameBlock(first, values, known, self.generation, **more))
         self.ordered = first
 
     @rule(data=st.data(), samples=st.integers(0, 80))
@@ -60,7 +57,7 @@ class Replays(RuleBasedStateMachine):
     @rule(data=st.data())
     def feed_what_is_old(self, data):
         values, known = data.draw(rows(self.watch.profile, 20))
-        self.watch.feed(Block(self.watch.fed, values, known, self.generation - 1, last=True))
+        self.watch.feed(FrameBlock(self.watch.fed, values, known, self.generation - 1, last=True))
 
     @rule(data=st.data(), samples=st.integers(0, 30))
     def feed_the_last(self, data, samples):
@@ -242,10 +239,10 @@ FAULTS = [
     (Envelope, "rise", at_once),
     (Envelope, "fall", half_way),
     (Envelope, "fall", dropped),
-    (Lane, "fall", held),
-    (Lane, "cut", lambda _: None),
-    (lane, "isfinite", lambda _: True),
-    (lane, "abs", lambda value: value),
+    (ActuatorPath, "fall", held),
+    (ActuatorPath, "cut", lambda _: None),
+    (schedule, "isfinite", lambda _: True),
+    (schedule, "abs", lambda value: value),
     (Schedule, "_leap", all_of_them),
     (Schedule, "frames_due", twice),
     (Schedule, "frames_due", one_after_the_other),
@@ -283,7 +280,7 @@ def test_a_fault_is_found(where, name, fault, monkeypatch):
     [
         (Limiter, "__call__", unlimited),
         (Limiter, "__call__", clamped_only),
-        (Lane, "fall", held),
+        (ActuatorPath, "fall", held),
         (Schedule, "__init__", patient),
     ],
 )

@@ -14,7 +14,7 @@ import hapfmt
 from hapfmt import Span
 from hapfmt.errors import ParameterError
 from hapfmt.replay.frames import Frame
-from hapfmt.replay.profile.model import Actuator, Profile, Report, Timing
+from hapfmt.replay.profile.model import Actuator, HidReport, Profile, Timing
 from hapfmt.replay.sinks.dry import DryRunSink
 from hapfmt.replay.sinks.record import RecordSink
 
@@ -32,7 +32,7 @@ def loaded(path: str) -> hapfmt.Recording:
 
 
 class TestDryRun:
-    REPORTS = (Report("output", b"\x01\xff\x00"), Report("feature", b"\x02"))
+    REPORTS = (HidReport("output", b"\x01\xff\x00"), HidReport("feature", b"\x02"))
 
     def test_text(self):
         out = io.StringIO()
@@ -69,7 +69,7 @@ class TestRecord:
             for n, counts in enumerate(self.COUNTS):
                 if not 10 <= n < 4700:
                     sink.send(frame(n, counts), ())
-            sink.send(frame(5003), (Report("output", b"\0"),))
+            sink.send(frame(5003), (HidReport("output", b"\0"),))
             sink.close()
         thumb, voice = loaded(path).channels
         assert thumb.coverage == voice.coverage == (Span(0, 10), Span(4700, 5000))

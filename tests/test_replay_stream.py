@@ -23,16 +23,16 @@ from test_losses import GAPS, STEADY, TABLE, payload_of
 from test_recover import flipped
 
 from hapfmt import Calibration, Channel, Recording, Settings
-from hapfmt.container.cluster import Packet
-from hapfmt.container.filewriter import FileWriter
 from hapfmt.encoder.encode import encode
 from hapfmt.errors import HapfmtError, ParameterError
+from hapfmt.format.cluster import Packet
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Span
 from hapfmt.replay.render import Assignment, Renderer, Route
 from hapfmt.replay.render import stream as streaming
+from hapfmt.writing.filewriter import FileWriter
 
 VECTORS = sorted((Path(make.__file__).resolve().parent.parent / "vectors").rglob("*.hapf"))
 MILLI = Calibration(1, 0, 1000)

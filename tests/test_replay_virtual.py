@@ -13,9 +13,8 @@ from replay_watch import make_actuator, make_block, make_profile
 
 from hapfmt.errors import DeviceError, FormatError
 from hapfmt.replay.frames import Frame
-from hapfmt.replay.process.virtual import rehearse
-from hapfmt.replay.profile.layout import Integer, Layout, One
-from hapfmt.replay.profile.model import Report
+from hapfmt.replay.process.loop import rehearse
+from hapfmt.replay.profile.model import HidReport, Integer, One, ReportLayout
 
 MS = 10**6
 
@@ -25,9 +24,9 @@ def profile_with_reports(**timing):
     field = One(1, "force", Integer("i16"))
     return replace(
         profile,
-        reports=(Layout("output", 1, 3, (field,)),),
-        init=(Report("feature", b"\x05go"),),
-        exit=(Report("feature", b"\x05by"),),
+        reports=(ReportLayout("output", 1, 3, (field,)),),
+        init=(HidReport("feature", b"\x05go"),),
+        exit=(HidReport("feature", b"\x05by"),),
     )
 
 
@@ -67,7 +66,7 @@ class Listed:
 
 
 def output(count):
-    return (Report("output", b"\x01" + count.to_bytes(2, "little", signed=True)),)
+    return (HidReport("output", b"\x01" + count.to_bytes(2, "little", signed=True)),)
 
 
 def counts_of(sink):
@@ -80,12 +79,12 @@ def test_all_that_a_sink_gets():
     rehearse(Rendered(make_block(0, np.ones(5), last=True)), profile_with_reports(), [sink])
     assert sink.calls == [
         "open",
-        (Frame(-1, 0, ()), (Report("feature", b"\x05go"),)),
+        (Frame(-1, 0, ()), (HidReport("feature", b"\x05go"),)),
         *((Frame(n, n * MS, ((x,),)), output(x)) for n, x in enumerate([73, 250, 427, 500, 500])),
         *((Frame(n, n * MS, ((x,),)), output(x)) for n, x in enumerate([427, 250, 73, 0], 5)),
         (Frame(-1, 9 * MS, ()), output(0)),
         (Frame(-1, 10 * MS, ()), output(0)),
-        (Frame(-1, 11 * MS, ()), (Report("feature", b"\x05by"),)),
+        (Frame(-1, 11 * MS, ()), (HidReport("feature", b"\x05by"),)),
         "close",
     ]
 

@@ -25,7 +25,7 @@ from report.texts import plain
 from report.variants import leaves, parts_of, plain_huffman_bits, variants
 
 import hapfmt
-from hapfmt.scenes import load_scene
+from hapfmt.lab.scenes import load_scene
 
 RATE = 1000.0
 TOOL = load_scene("sand").tool

@@ -16,11 +16,11 @@ from msgspec.structs import replace
 from spec import ROOT
 
 import hapfmt
+from hapfmt.encoder.settings import Tolerance
 from hapfmt.encoder.split import low_pass
-from hapfmt.encoder.tolerance import Tolerance
 from hapfmt.errors import LimitError, ParameterError
-from hapfmt.scenes import Scene, builtin_names, load_scene, simulate, stroke, waves
-from hapfmt.scenes.description import (
+from hapfmt.lab.scenes import Scene, builtin_names, load_scene, motion, simulate
+from hapfmt.lab.scenes.description import (
     FINGERS,
     INTEGRATORS,
     Contact,
@@ -30,7 +30,7 @@ from hapfmt.scenes.description import (
     Tool,
     Touches,
 )
-from hapfmt.scenes.matrix import exponential
+from hapfmt.lab.scenes.matrix import exponential
 
 BUILT_IN = builtin_names()
 JOINTS = 22
@@ -193,7 +193,7 @@ class TestTheSameAgain:
     def test_blocks_are_not_seen(self, name, monkeypatch):
         scene = load_scene(name).changed(seconds=0.15)
         whole = physical(scene)
-        monkeypatch.setattr(waves, "BLOCK_STEPS", 777)
+        monkeypatch.setattr(motion, "BLOCK_STEPS", 777)
         for label, values in physical(scene).items():
             assert np.abs(values - whole[label]).max() < 1e-9, label
 
@@ -241,7 +241,7 @@ class TestNothingForNothing:
     def test_no_touches_are_drawn_where_none_are_named(self, monkeypatch):
         """A stroke alone asks for no repeats, and its hand moves as before."""
         scene = load_scene("sand").changed(seconds=0.2)
-        monkeypatch.setattr(stroke, "Repeats", None)
+        monkeypatch.setattr(motion, "Repeats", None)
         simulate(scene.without("touches"))
         with pytest.raises(TypeError):
             simulate(scene)
@@ -272,16 +272,16 @@ class TestNothingForNothing:
         """What is not there is not imported, and neither a list nor a description needs numbers."""
         code = """
 import json, sys
-from hapfmt.scenes import builtin_names, load_scene
+from hapfmt.lab.scenes import builtin_names, load_scene
 seen = {}
 def note(name):
-    seen[name] = [m.removeprefix("hapfmt.scenes.") for m in sys.modules
-                  if m.startswith(("hapfmt.scenes.", "numpy", "scipy")) and m.count(".") != 1]
+    seen[name] = [m.removeprefix("hapfmt.lab.scenes.") for m in sys.modules
+                  if m.startswith(("hapfmt.lab.scenes.", "numpy", "scipy")) and m.count(".") != 1]
     seen[name] += [m for m in ("numpy", "scipy") if m in sys.modules]
 for name in builtin_names():
     load_scene(name)
 note("described")
-from hapfmt.scenes import simulate
+from hapfmt.lab.scenes import simulate
 def make(name, *parts):
     simulate(load_scene(name).changed(seconds=0.01).without(*parts))
     note(" ".join((name, *parts)))
@@ -301,13 +301,13 @@ print(json.dumps(seen))
         described, free, hand, wall, flat, sand = ours
         assert described == {"description", "library"} and "numpy" not in loaded["described"]
         assert free - described == {
-            "build", "work", "sensors", "tool", "waves", "free", "follow", "matrix", "reach"
+            "build", "work", "sensors", "tool", "motion", "free", "follow", "matrix"
         }  # fmt: skip
-        assert hand - free == {"grasp", "hand"}
-        assert wall - hand == {"touch", "integrators", "contact", "exact", "press"}
-        assert flat - wall == {"stroke"}
+        assert hand - free == {"grasp"}
+        assert wall - hand == {"touch", "integrators", "contact"}
+        assert flat == wall
         assert not any("scipy" in found for found in loaded.values())
-        assert sand - flat == {"texture", "heightfields"}
+        assert sand - flat == {"surface"}
 
     def test_a_texture_costs_bytes_where_it_is_felt(self):
         """Without a texture, or with one too fine to feel, a perceptual file is a third as large."""

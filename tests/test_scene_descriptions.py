@@ -9,8 +9,8 @@ from spec import ROOT
 
 from hapfmt.descriptions import DescriptionError, fields_of, read, schema_of
 from hapfmt.errors import ParameterError
-from hapfmt.scenes import Scene, builtin_names, load_scene, parse_scene, scene_text
-from hapfmt.scenes.description import (
+from hapfmt.lab.scenes import Scene, builtin_names, load_scene, parse_scene, scene_text
+from hapfmt.lab.scenes.description import (
     CHANNELS,
     FINGERS,
     PARTS,

@@ -10,13 +10,13 @@ import pytest
 
 from hapfmt.encoder.split import low_pass
 from hapfmt.errors import ParameterError
-from hapfmt.scenes import heightfields
-from hapfmt.scenes.description import Contact, Press, Tool
-from hapfmt.scenes.stylus import simulate
-from hapfmt.scenes.tool import system_of
-from hapfmt.scenes.touch import FRICTION, Normal
-from hapfmt.scenes.waves import Grid
-from hapfmt.scenes.work import Work
+from hapfmt.lab.scenes import surface
+from hapfmt.lab.scenes.description import Contact, Press, Tool
+from hapfmt.lab.scenes.motion import StepGrid
+from hapfmt.lab.scenes.stylus import simulate
+from hapfmt.lab.scenes.tool import system_of
+from hapfmt.lab.scenes.touch import FRICTION, Normal
+from hapfmt.lab.scenes.work import Work
 
 TEXTURES = ["stone", "sand", "cork"]
 
@@ -50,7 +50,7 @@ def test_forces_are_those_of_the_scene(texture):
 
 
 def test_flat_plane_is_silent_and_computes_no_height_field(monkeypatch):
-    monkeypatch.setitem(sys.modules, "hapfmt.scenes.heightfields", None)
+    monkeypatch.setitem(sys.modules, "hapfmt.lab.scenes.surface", None)
     force = simulate(None).channels[0].samples()
     assert 0.8 < force.mean() < 1.0
     assert (force - low_pass(force, 1000))[500:3700].std() < 0.002
@@ -103,7 +103,7 @@ class TestStiffness:
         normal = Normal(
             system_of(tool, contact),
             contact,
-            Grid(20_000, 1, 20_000),
+            StepGrid(20_000, 1, 20_000),
             lambda t: np.full_like(t, depth),
             work,
         )
@@ -116,7 +116,7 @@ class TestStiffness:
 class TestHeightfields:
     @pytest.mark.parametrize("texture", TEXTURES)
     def test_a_function_of_the_plane(self, texture):
-        heights = heightfields.SURFACES[texture](np.random.default_rng(1))
+        heights = surface.SURFACES[texture](np.random.default_rng(1))
         x, y = np.random.default_rng(2).uniform(-0.2, 0.2, (2, 400))
         assert np.array_equal(heights(x, y)[100:200], heights(x[100:200], y[100:200]))
         assert np.all(np.isfinite(heights(x, y)))
@@ -125,14 +125,14 @@ class TestHeightfields:
     @pytest.mark.parametrize("texture", TEXTURES)
     def test_no_cliffs(self, texture):
         """1 um on, the height has changed by a few um at most."""
-        heights = heightfields.SURFACES[texture](np.random.default_rng(1))
+        heights = surface.SURFACES[texture](np.random.default_rng(1))
         x = np.arange(40_000) * 1e-6
         steps = np.abs(np.diff(heights(x, 0.3 * x)))
         assert np.percentile(steps, 99.9) < 10e-6
 
     def test_stone_is_self_affine(self):
         """Structure function of a Hurst exponent of 0.8: slope 1.6 over a decade."""
-        heights = heightfields.stone(np.random.default_rng(3))
+        heights = surface.stone(np.random.default_rng(3))
         x = np.arange(100_000) * 20e-6
         profile = heights(x, np.zeros_like(x))
         lags = np.array([5, 10, 20, 40])

@@ -15,7 +15,7 @@ from measured import files_in
 from peers.packages import installed
 
 import hapfmt
-from hapfmt.scenes import load_scene, simulate
+from hapfmt.lab.scenes import load_scene, simulate
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ import forge as f
 import pytest
 from judge import samples
 
-from hapfmt.container.source import BytesSource, Source, open_source
-from hapfmt.container.walk import BLOCK_SIZE, FIRST_BLOCK, find_header, walk
-from hapfmt.verifier import verify
+from hapfmt.format.source import ByteSource, BytesSource, open_source
+from hapfmt.format.walk import BLOCK_SIZE, FIRST_BLOCK, find_header, walk
+from hapfmt.reading.verifier import verify
 
 EDGES = (1 << 12, 1 << 16, 1 << 20)
 SHIFTS = range(-1, 34)
@@ -70,7 +70,7 @@ def test_a_walk_across_edges(edge, kind, tmp_path: Path):
     """
     for shift in (0, 1, 2, 3, 4, 16, 35, 36):
         data = damaged_at(edge - shift)
-        source: Source = BytesSource(data)
+        source: ByteSource = BytesSource(data)
         if kind == "file":
             (tmp_path / "a.hapf").write_bytes(data)
             source = open_source(tmp_path / "a.hapf")

@@ -16,9 +16,17 @@ from spec import ROOT
 import hapfmt
 from hapfmt import Calibration, Input, Recorder, Span
 from hapfmt.errors import ParameterError
-from hapfmt.live.frames import HEADER, OBJECT, PAYLOAD_SIZE, ROWS, SAMPLES, build_frame
-from hapfmt.live.lines import LINE_SIZE, Table
-from hapfmt.live.streams import Stream
+from hapfmt.writing.streams import (
+    HEADER,
+    LINE_SIZE,
+    OBJECT,
+    PAYLOAD_SIZE,
+    ROWS,
+    SAMPLES,
+    BareTable,
+    InputStream,
+    build_frame,
+)
 
 PAGE = (ROOT / "docs" / "streams.md").read_text("utf-8")
 
@@ -27,7 +35,9 @@ def examples(kind: str) -> list[bytes]:
     return [body.encode() for body in re.findall(rf"```{kind}\n(.*?)```", PAGE, re.S)]
 
 
-def recorded(data: bytes, table: Table | None = None, pieces: list[int] | None = None, **options):
+def recorded(
+    data: bytes, table: BareTable | None = None, pieces: list[int] | None = None, **options
+):
     """The recording of a stream that comes in pieces, and the error that ended it."""
     out = io.BytesIO()
 
@@ -35,7 +45,7 @@ def recorded(data: bytes, table: Table | None = None, pieces: list[int] | None =
         given_ = {**header.given, **options}
         return Recorder(out, header.inputs, metadata=header.metadata, canonical=1, **given_)
 
-    stream = Stream(begin, table)
+    stream = InputStream(begin, table)
     error = None
     try:
         at = 0
@@ -84,7 +94,7 @@ def test_every_action_of_the_table_is_taken():
 
 
 def test_the_table_of_the_page():
-    back, error = recorded(examples("table")[0], Table(Fraction(1000)))
+    back, error = recorded(examples("table")[0], BareTable(Fraction(1000)))
     assert error is None
     assert [(c.label, c.unit) for c in back.channels] == [("force", "N"), ("position", "mm")]
     assert back.channels[1].samples().tolist() == [12.25, 12.251]
@@ -203,7 +213,7 @@ def test_a_bad_line_is_named_and_what_came_before_is_kept(lines, place, message)
         (b"", None, "ended before any channel"),
         (b"# nothing\n", None, "ended before any channel"),
         (b"1,2\n", None, "line 1: a table needs its rate"),
-        (b"1,2\n", Table(Fraction(1), ("a",)), "line 1: 1 labels for 2 columns"),
+        (b"1,2\n", BareTable(Fraction(1), ("a",)), "line 1: 1 labels for 2 columns"),
         (b'{"channels": []}\n', None, "line 1: channels: has 0 values"),
         (b'{"channels": [3]}\n', None, "line 1: channels[0]: is a number; write"),
         (
@@ -257,7 +267,7 @@ def test_a_bad_frame_is_named_and_what_came_before_is_kept(frame, message):
 
 @given(st.binary(max_size=300), st.sampled_from([b"", b"hFr1", HEAD, FRAMES, HEAD + b"1,2\n"]))
 def test_any_bytes_give_a_recording_or_an_error(data, begin):
-    recorded(begin + data, Table(Fraction(10)))
+    recorded(begin + data, BareTable(Fraction(10)))
 
 
 JUNK = st.sampled_from(
@@ -292,7 +302,7 @@ def test_rows_go_on_after_skip_and_counts_have_gaps():
 
 
 def test_an_input_of_a_table_may_have_a_lattice():
-    back, _ = recorded(b"0.1\n0.30000001\n", Table(Fraction(10), lsb=0.1, unit="V"))
+    back, _ = recorded(b"0.1\n0.30000001\n", BareTable(Fraction(10), lsb=0.1, unit="V"))
     assert back.channels[0].calibration == Calibration(1, 0, 10)
     assert (back.channels[0].label, back.channels[0].unit) == ("1", "V")
     assert Input("1", 10, "V", lsb=0.1).lsb == 0.1
@@ -314,7 +324,7 @@ HUGE = {
 def test_numbers_beyond_a_double_are_refused(name):
     """As encode does; what was recorded before stays."""
     data, message, kept = HUGE[name]
-    back, error = recorded(data, Table(Fraction(10)))
+    back, error = recorded(data, BareTable(Fraction(10)))
     assert str(error) == message
     assert (back is None) == (kept is None)
     if back is not None:
@@ -322,7 +332,7 @@ def test_numbers_beyond_a_double_are_refused(name):
 
 
 def test_infinity_is_a_value():
-    back, error = recorded(b"1,inf\n-Infinity,3\n", Table(Fraction(10)))
+    back, error = recorded(b"1,inf\n-Infinity,3\n", BareTable(Fraction(10)))
     assert error is None
     assert [channel.samples().tolist() for channel in back.channels] == [
         [1, -np.inf],

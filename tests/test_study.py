@@ -1,4 +1,4 @@
-"""hapfmt.study: descriptions, order, answers, summary."""
+"""hapfmt.lab.study: descriptions, order, answers, summary."""
 
 from __future__ import annotations
 
@@ -17,16 +17,22 @@ from scipy import stats
 
 import hapfmt
 from hapfmt.errors import HapfmtError, MissingExtraError, ParameterError
-from hapfmt.scenes.stylus import simulate
-from hapfmt.study import sound
-from hapfmt.study.answers import AnswerFile, load_answers, parse_answers
-from hapfmt.study.beginning import new_study
-from hapfmt.study.description import Study, fifth, load_study, parse_study
-from hapfmt.study.order import Trial, order
-from hapfmt.study.outputs import ChannelMap, Device, Felt, Nowhere, WavFiles, plan
-from hapfmt.study.prepare import MANIFEST, prepare
-from hapfmt.study.rating import NotYetError, Rating, heading
-from hapfmt.study.summary import as_json, mean_of, summarise, table_rows
+from hapfmt.lab.scenes.stylus import simulate
+from hapfmt.lab.study import outputs
+from hapfmt.lab.study.description import Study, fifth, load_study, new_study, parse_study
+from hapfmt.lab.study.outputs import ChannelMap, DeviceOutput, FeltStimulus, Nowhere, WavFiles, plan
+from hapfmt.lab.study.prepare import MANIFEST, prepare
+from hapfmt.lab.study.rating import (
+    AnswerFile,
+    NotYetError,
+    Rating,
+    Trial,
+    heading,
+    load_answers,
+    order,
+    parse_answers,
+)
+from hapfmt.lab.study.summary import as_json, mean_of, summarise, table_rows
 
 TEXT = """
 name = "textures"
@@ -380,7 +386,7 @@ class TestRating:
     def test_what_was_not_felt_does_not_count(self, study, prepared, tmp_path):
         class Late(Nowhere):
             def play(self, _path, _label):
-                return Felt("late")
+                return FeltStimulus("late")
 
         with opened(study, prepared, tmp_path / "a") as file:
             rating = Rating(study, prepared, file, Late())
@@ -397,7 +403,7 @@ class TestOutputs:
         profile = glove()
         frames = tmp_path / "frames"
         mapping = ChannelMap(("0=1",))
-        device = Device(
+        device = DeviceOutput(
             profile, {"kind": "loopback", "file": str(frames)}, 0.25, mapping, watchdog=False
         )
         path = prepared.file("cork", "b5")
@@ -412,7 +418,7 @@ class TestOutputs:
         later = sorted(set(range(80, 190)) & sent.keys())  # the ramp of the start is over
         assert len(later) > 20
         assert max(abs(sent[number] - force[number]) for number in later) < 5
-        assert Nowhere(profile, 0.25, mapping).play(path, "trial 1") == Felt()
+        assert Nowhere(profile, 0.25, mapping).play(path, "trial 1") == FeltStimulus()
 
     def test_what_no_actuator_takes(self, tmp_path):
         from replaying import glove
@@ -430,7 +436,7 @@ class TestOutputs:
         with pytest.raises(ParameterError, match="replay does not guess"):
             plan(path, profile, ChannelMap())
         assert plan(path, profile, ChannelMap(by_order=True))[0].startswith("thumb <- 0 ")
-        told = Device(profile, {}, None, ChannelMap(("0=1",), ("x",), by_order=True)).told
+        told = DeviceOutput(profile, {}, None, ChannelMap(("0=1",), ("x",), by_order=True)).told
         assert told.items() >= {"channels": ["0=1"], "ignored": ["x"], "by_order": True}.items()
 
     def test_wav_is_level(self, study, prepared, tmp_path):
@@ -467,13 +473,13 @@ class TestOutputs:
 
         monkeypatch.setitem(sys.modules, "sounddevice", None)
         with pytest.raises(MissingExtraError, match=r"hapfmt\[sound\]"):
-            sound.Card(1, None)
+            outputs.Card(1, None)
         monkeypatch.setitem(sys.modules, "sounddevice", Fake)
         with pytest.raises(ParameterError, match="no sound card plays channel 3"):
-            sound.Card(3, None)
-        from hapfmt.study.outputs import SoundCard
+            outputs.Card(3, None)
+        from hapfmt.lab.study.outputs import SoundCard
 
-        card = SoundCard(study, prepared, sound.Card(*sound.parse_card("2/USB Audio")))
+        card = SoundCard(study, prepared, outputs.Card(*outputs.parse_card("2/USB Audio")))
         assert card.told == {"kind": "sound", "channel": 2, "device": "USB Audio"}
         card.play(prepared.file("sand", "b5"), "trial 1")
         (y, rate, how), end = played
@@ -481,8 +487,8 @@ class TestOutputs:
         assert how["mapping"] == [2] and how["blocking"] and end == "stop"
         for bad in ("0", "x", "1/", "", "-1", "999"):
             with pytest.raises(ParameterError, match="not an output of a sound card"):
-                sound.parse_card(bad)
-        assert sound.parse_card("1/3") == (1, 3)
+                outputs.parse_card(bad)
+        assert outputs.parse_card("1/3") == (1, 3)
 
 
 class TestSummary:

@@ -13,18 +13,23 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import hapfmt
-from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.encoder.settings import Tolerance
 from hapfmt.errors import ParameterError
+from hapfmt.lab.survey import parts as parts_of
+from hapfmt.lab.survey.compare import compare, pair_up
+from hapfmt.lab.survey.parts import FileParts, RecordingParts
+from hapfmt.lab.survey.views import (
+    BINS,
+    LARGEST,
+    SHOWN,
+    Histogram,
+    Outline,
+    Spectrum,
+    liveliest,
+    survey,
+)
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Calibration, Channel, Recording
-from hapfmt.survey import parts as parts_of
-from hapfmt.survey.compare import compare, pair_up
-from hapfmt.survey.histogram import BINS, Histogram
-from hapfmt.survey.knots import SHOWN
-from hapfmt.survey.outline import LARGEST, Outline
-from hapfmt.survey.parts import FileParts, RecordingParts
-from hapfmt.survey.spectrum import Spectrum
-from hapfmt.survey.views import liveliest, survey
 
 LSB = Calibration(1, 0, 2000)
 

@@ -6,7 +6,7 @@ from math import inf, nan
 
 import pytest
 
-from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.encoder.settings import Tolerance
 from hapfmt.errors import ParameterError
 
 

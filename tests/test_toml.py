@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapfmt import toml
+from hapfmt import descriptions
+from hapfmt.descriptions import MOST_DIGITS, MOST_NESTED, MOST_PARTS, MOST_WORDS, parse_toml
 from hapfmt.errors import HapfmtError, ParameterError
+from hapfmt.lab.scenes.library import load_scene
+from hapfmt.lab.study.description import load_study
 from hapfmt.replay.profile.parse import load_profile
-from hapfmt.scenes.library import load_scene
-from hapfmt.study.description import load_study
-from hapfmt.toml import MOST_DIGITS, MOST_NESTED, MOST_PARTS, MOST_WORDS, parse_toml
 
 pytestmark = pytest.mark.capped
 
@@ -119,7 +119,7 @@ def parts_parsed(text: str) -> int:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tomllib._parser, "parse_key", counted)  # type: ignore[attr-defined]
         with suppress(ParameterError):
-            toml.parse_toml(text)
+            descriptions.parse_toml(text)
     return longest
 
 

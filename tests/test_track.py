@@ -15,8 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
 
-from hapfmt.container.deflate import deflate, inflate
-from hapfmt.container.description import (
+from hapfmt.errors import HapfmtError, LimitError, ParameterError, UnsupportedError
+from hapfmt.format.deflate import deflate, inflate
+from hapfmt.format.description import (
     CHUNK_SIZE,
     build_description,
     build_track,
@@ -24,12 +25,11 @@ from hapfmt.container.description import (
     parse_description,
     split,
 )
-from hapfmt.container.lists import round_up
-from hapfmt.container.track import Component, Contract
-from hapfmt.errors import HapfmtError, LimitError, ParameterError, UnsupportedError
+from hapfmt.format.lists import round_up
+from hapfmt.format.track import Component, Contract
 from hapfmt.limits import LEVELS, Limits
 from hapfmt.reading.reader import Reader
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 pytestmark = pytest.mark.capped
 

@@ -10,10 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapfmt.codecs.grids import LpcParameters
-from hapfmt.codecs.knots import INTERPOLATIONS, KnotParameters, build_knots, decode_knots
-from hapfmt.codecs.knots_coded import decode_coded_knots, encode_knots
+from hapfmt.codecs.knots import (
+    INTERPOLATIONS,
+    KnotParameters,
+    build_knots,
+    decode_coded_knots,
+    decode_knots,
+    encode_knots,
+)
 from hapfmt.deadband import Deadband
-from hapfmt.encoder.grids import levels_of, places
+from hapfmt.encoder.gridded import levels_of, places
 from hapfmt.encoder.knots import select_knots
 from hapfmt.encoder.split import low_pass
 from hapfmt.encoder.tube import COUNT_BOUND, SPAN_BOUND, fewest_hold, fewest_linear

@@ -15,9 +15,8 @@ import case
 import make
 import pytest
 from depth import sample
+from hapfmt_adapter.verbs import CAPABILITIES, run
 from spec import REQUIREMENTS
-
-from hapfmt.conformance.verbs import CAPABILITIES, run
 
 CONFORMANCE = Path(make.__file__).resolve().parent.parent
 sys.path.insert(0, str(CONFORMANCE))

@@ -21,7 +21,7 @@ from spec import ROOT
 
 import hapfmt
 from hapfmt.errors import HapfmtError
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 CONFORMANCE = ROOT / "conformance"
 MANIFEST = json.loads((CONFORMANCE / "manifest.json").read_text(encoding="utf-8"))["cases"]

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 
 import pytest
+from hapfmt_adapter.verbs import run
 from judge import rule
 from sets import originals
 from spec import ROOT
-
-from hapfmt.conformance.verbs import run
 
 CASES = list(originals.cases())
 

@@ -12,13 +12,13 @@ sys.path.insert(0, str(ROOM))
 
 import wreck as w  # noqa: E402
 from depth import either, sample  # noqa: E402
+from hapfmt_adapter import verbs  # noqa: E402
 from runner.manifest import load  # noqa: E402
 from runner.process import Outcome  # noqa: E402
 from runner.running import run_case  # noqa: E402
 
 import hapfmt  # noqa: E402
-from hapfmt.conformance import verbs  # noqa: E402
-from hapfmt.verifier import verify  # noqa: E402
+from hapfmt.reading.verifier import verify  # noqa: E402
 
 TICKS = {(track, tick) for track in range(3) for tick in range(12)}
 

@@ -13,12 +13,18 @@ from spec import ROOT
 from terminal import called
 
 import hapfmt
-from hapfmt.container.wire import HEADER_SIZE
-from hapfmt.errors import ChecksumError, FormatError, HapfmtError, LimitError, UnsupportedError
+from hapfmt.errors import (
+    ChecksumError,
+    FormatError,
+    HapfmtError,
+    LimitError,
+    UnsupportedError,
+    verdict_of,
+)
+from hapfmt.format.wire import HEADER_SIZE
 from hapfmt.limits import Limits
 from hapfmt.reading.reader import Reader
-from hapfmt.verdict import verdict_of
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 BROKEN, UNKNOWN, LIMITED = FormatError("x"), UnsupportedError("x"), LimitError("x")
 TABLE: list[tuple[set[str], HapfmtError | None, bool, bool, int]] = [

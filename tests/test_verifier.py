@@ -16,14 +16,13 @@ from hypothesis import strategies as st
 from judge import rule
 
 import hapfmt
-from hapfmt.container.source import BytesSource
-from hapfmt.dump import dump
+from hapfmt.errors import VERDICTS
+from hapfmt.format.source import BytesSource
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder, TrackDigest
+from hapfmt.reading.dump import dump, measure
+from hapfmt.reading.verifier import verify
 from hapfmt.recording import Calibration, Channel, Recording
-from hapfmt.usage import measure
-from hapfmt.verdict import VERDICTS
-from hapfmt.verifier import verify
 
 pytestmark = pytest.mark.capped
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from judge import rule, samples
 from page import BrokenRule, varint
 
-from hapfmt.container.source import BytesSource
-from hapfmt.container.walk import BLOCK_SIZE, Finding, find_header, walk
 from hapfmt.errors import LimitError
-from hapfmt.verifier import verify
+from hapfmt.format.source import BytesSource
+from hapfmt.format.walk import BLOCK_SIZE, Finding, find_header, walk
+from hapfmt.reading.verifier import verify
 
 pytestmark = pytest.mark.capped
 

@@ -11,11 +11,11 @@ import pytest
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
-from hapfmt.container.source import BytesSource
-from hapfmt.container.walk import walk
-from hapfmt.container.wire import HEADER_SIZE
+from hapfmt.format.source import BytesSource
+from hapfmt.format.walk import walk
+from hapfmt.format.wire import HEADER_SIZE
+from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.reading.opening import open_catalogue
-from hapfmt.scenes.stylus import simulate
 
 
 class Pieces(io.BytesIO):

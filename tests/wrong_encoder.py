@@ -6,6 +6,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "conformance/adapters/python"))
+
 
 def other_job(deed, path, folder):
     """The job as the encoder misreads it."""
@@ -33,9 +35,10 @@ def encode(deed, job, target):
         return 4
     if deed == "no file":
         return 0
-    from hapfmt.conformance.verbs import main
-    from hapfmt.container import filewriter
-    from hapfmt.container.wire import HEADER_SIZE
+    from hapfmt_adapter.verbs import main
+
+    from hapfmt.format.wire import HEADER_SIZE
+    from hapfmt.writing import filewriter
 
     build = filewriter.build_index
     if deed == "no index":

@@ -35,7 +35,7 @@ from rich.progress import Progress
 import hapfmt
 from hapfmt.convert import FORMATS
 from hapfmt.encoder.lattice import find_lattice
-from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.encoder.settings import Tolerance
 
 TASKS = ("deadband", "lossless", "doubles")
 FLOOR = 0.002

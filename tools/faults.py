@@ -25,10 +25,10 @@ import numpy as np
 from measured import print_origin, print_table
 
 import hapfmt
-from hapfmt.container.source import BytesSource
-from hapfmt.container.walk import walk
-from hapfmt.scenes.stylus import simulate
-from hapfmt.verifier import verify
+from hapfmt.format.source import BytesSource
+from hapfmt.format.walk import walk
+from hapfmt.lab.scenes.stylus import simulate
+from hapfmt.reading.verifier import verify
 
 SECONDS, RATE = 60.0, 8000
 CLUSTER = Fraction(1, 2)

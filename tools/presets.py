@@ -25,7 +25,7 @@ from measured import DATA, files_in, origin
 
 import hapfmt
 from hapfmt.convert import FORMATS
-from hapfmt.metrics import snr_hf_db
+from hapfmt.lab.metrics import snr_hf_db
 
 SETTINGS: dict[str, dict[str, Any]] = {
     "lossless": {},
@@ -65,7 +65,7 @@ def load_all(data: Path) -> Iterator[tuple[str, hapfmt.Recording]]:
 
 def written(
     recording: hapfmt.Recording, given: dict[str, Any]
-) -> tuple[hapfmt.writer.Summary, bytes, float]:
+) -> tuple[hapfmt.writing.writer.Summary, bytes, float]:
     stream, began = io.BytesIO(), time.process_time()
     summary = hapfmt.write(recording, stream, hapfmt.Settings.of(**given), canonical=1, threads=1)
     return summary, stream.getvalue(), time.process_time() - began

@@ -29,8 +29,8 @@ from rich.progress import Progress
 from simulated import SENSORS, glove
 
 import hapfmt
-from hapfmt.container.source import open_source
-from hapfmt.usage import measure
+from hapfmt.format.source import open_source
+from hapfmt.reading.dump import measure
 
 STEPS = ("encode", "read", "pieces", "verify", "du", "info")
 MIB = 1 << 20

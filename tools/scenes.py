@@ -118,7 +118,7 @@ def scene_file(row: Row, folder: Path) -> str:
     """The name of the scene, or of a file with what is added."""
     if not row.added:
         return row.scene
-    from hapfmt.scenes import scene_text
+    from hapfmt.lab.scenes import scene_text
 
     path = folder / "mine.toml"
     path.write_text(scene_text(row.scene) + row.added + "\n", encoding="utf-8")
@@ -147,8 +147,8 @@ def run(words: list[str]) -> Run:
 
 def child(source: str, without: list[str], seconds: float, repeats: int) -> dict[str, Any]:
     """Simulating, measured in this process."""
-    from hapfmt.scenes import load_scene
-    from hapfmt.scenes.build import simulate
+    from hapfmt.lab.scenes import load_scene
+    from hapfmt.lab.scenes.build import simulate
 
     scene = load_scene(source).without(*without).changed(seconds=seconds)
     simulate(scene.changed(seconds=0.01))  # what is imported is no part of it
@@ -209,7 +209,7 @@ def cells(row: Row, found: Found) -> list[str | float]:
 def print_keys() -> None:
     """The tables of docs/scenes.md."""
     from hapfmt.descriptions import schema_of
-    from hapfmt.scenes.description import Scene
+    from hapfmt.lab.scenes.description import Scene
 
     schema = schema_of(Scene, "Scene")
     tables = [("", schema["$ref"])]

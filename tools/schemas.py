@@ -8,15 +8,15 @@ from pathlib import Path
 import installed  # noqa: F401
 
 from hapfmt.descriptions import schema_of
+from hapfmt.lab.scenes.description import Scene
+from hapfmt.lab.study.description import StudyKeys
 from hapfmt.replay.profile.parse import ProfileKeys
-from hapfmt.scenes.description import Scene
-from hapfmt.study.description import StudyKeys
 
 ROOT = Path(__file__).resolve().parents[1] / "hapfmt"
 SCHEMAS = {
-    ROOT / "scenes" / "schema.json": (Scene, "Scene of hapfmt"),
+    ROOT / "lab" / "scenes" / "schema.json": (Scene, "Scene of hapfmt"),
     ROOT / "replay" / "profile" / "schema.json": (ProfileKeys, "Device profile of hapfmt"),
-    ROOT / "study" / "schema.json": (StudyKeys, "Study of hapfmt"),
+    ROOT / "lab" / "study" / "schema.json": (StudyKeys, "Study of hapfmt"),
 }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hapfmt
-from hapfmt.scenes.stylus import simulate
+from hapfmt.lab.scenes.stylus import simulate
 
 SENSORS = 22
 """Of a CyberGlove."""

@@ -30,7 +30,7 @@ from peers.packages import left_out, module, versions
 from results import mean
 
 import hapfmt
-from hapfmt.scenes import load_scene, simulate
+from hapfmt.lab.scenes import load_scene, simulate
 
 SCENES = ("sand", "wall", "taps", "grasp", "free")
 SECONDS = 60.0

@@ -1,4 +1,4 @@
-"""Print SPEC.md's layout tables from hapfmt/container/layout.py.
+"""Print SPEC.md's layout tables from hapfmt/format/layout.py.
 
 python tools/spec_tables.py          print every table
 python tools/spec_tables.py --write  put them into SPEC.md, between their markers
@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))  # the layouts of this clone, whatever is installed
 
-from hapfmt.container.layout import TABLES  # noqa: E402
+from hapfmt.format.layout import TABLES  # noqa: E402
 
 SPEC = ROOT / "SPEC.md"
 MARKED = re.compile(r"<!-- table: (?P<name>[^>]+?) -->\n.*?<!-- end -->", re.S)

@@ -26,15 +26,14 @@ from numpy.typing import NDArray
 
 import hapfmt
 from hapfmt.encoder.split import low_pass
+from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Channel, Recording
-from hapfmt.replay.frames import Block
+from hapfmt.replay.frames import FrameBlock
 from hapfmt.replay.profile.model import Actuator, Profile, Timing
 from hapfmt.replay.render import Assignment, Renderer, Route
-from hapfmt.replay.render.grid import Grid
-from hapfmt.replay.render.kernels import Shape, kernel
+from hapfmt.replay.render.feed import DeviceGrid, Shape, kernel
 from hapfmt.replay.schedule import Schedule
-from hapfmt.scenes.stylus import simulate
 
 Values = NDArray[np.float64]
 WALL_N_PER_M = 1e5
@@ -61,7 +60,7 @@ DEVICES = {"N": Limits(5.0, 500.0), "N.m": Limits(0.5, 50.0)}
 def at_rate(x: Values, ratio: Fraction, shape: Shape) -> Values:
     """A signal at another rate, ``ratio`` of its ticks to a sample."""
     chosen = kernel(shape, ratio)
-    places = Grid(Fraction(0), ratio, Fraction(1)).places(0, int(len(x) / ratio))
+    places = DeviceGrid(Fraction(0), ratio, Fraction(1)).places(0, int(len(x) / ratio))
     around = np.pad(x, chosen.half, mode="symmetric")
     return chosen.apply(around, -chosen.half, places.ticks, places.phases)
 
@@ -116,7 +115,7 @@ def profile_for(unit: str, rate: int, limits: Limits) -> Profile:
     return Profile("stiff", "", "", (), Timing(Fraction(rate)), (actuator,))
 
 
-def sent(profile: Profile, blocks: Sequence[Block]) -> tuple[Values, Schedule]:
+def sent(profile: Profile, blocks: Sequence[FrameBlock]) -> tuple[Values, Schedule]:
     """The values that the schedule would send, with gain 1."""
     schedule = Schedule(profile, 1.0)
     waiting = iter(blocks)

@@ -24,15 +24,15 @@ from hapfmt.codecs.knots import KnotParameters, build_knots
 from hapfmt.codecs.predicted import decode_indices
 from hapfmt.codecs.quantised import encode_quantised, quantise
 from hapfmt.codecs.raw import RawParameters, decode_raw, encode_raw
-from hapfmt.container.track import Affine
 from hapfmt.deadband import Deadband
 from hapfmt.encoder import predict
-from hapfmt.encoder.codebook import choose_codebook
 from hapfmt.encoder.knots import select_knots
 from hapfmt.encoder.predict import encode_best
 from hapfmt.encoder.split import low_pass
+from hapfmt.encoder.unit import choose_codebook
+from hapfmt.format.track import Affine
+from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.limits import LEVELS
-from hapfmt.scenes.stylus import simulate
 
 LEVEL = LEVELS[2]
 RANGE = -(2**31), 2**31 - 1

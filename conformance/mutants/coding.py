@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .mutant import Edit, Rebind, mutant
 
-HUFFMAN = "codecs.huffman:parse_codebook"
+HUFFMAN = "codecs.quantised:parse_codebook"
 SYMBOLS = "codecs.quantised:Alphabet.expand"
 CODER = "codecs.entropy:Decoder"
 ENDS = "codecs.entropy:ends_of"
@@ -13,8 +13,8 @@ STEP_UP = "codecs.predicted:step_up"
 PREDICT = "codecs.predicted:predict"
 PREDICTED = "(sum(a * b for a, b in zip(c, history, strict=True)) + (1 << (SHIFT - 1))) >> SHIFT"
 TRUNCATED = "int((sum(a * b for a, b in zip(c, history, strict=True)) + 4096) / 8192)"
-CROSS = "codecs.components:cross_terms"
-TAPS = "codecs.components:taps_of"
+CROSS = "codecs.predicted:cross_terms"
+TAPS = "codecs.predicted:taps_of"
 GRID = "codecs.grids:deadband_levels"
 BUCKETS = (f"{CODER}._magnitude", ENDS)
 
@@ -69,9 +69,7 @@ MUTANTS = (
         "deflate-end-unchecked",
         "A DEFLATE stream may end before its packet, or not at all.",
         "RAW-003",
-        Edit(
-            "container.deflate:inflate", "if not unpacker.eof or unpacker.unused_data:", "if False:"
-        ),
+        Edit("format.deflate:inflate", "if not unpacker.eof or unpacker.unused_data:", "if False:"),
     ),
     mutant(
         "averages-slow",
@@ -197,7 +195,7 @@ MUTANTS = (
         "The sine table is rounded down: about half of its entries are one less.",
         "LPC-005",
         Rebind(
-            "codecs.sine:SINES",
+            "codecs.predicted:SINES",
             "tuple(int(32768 * __import__('math').sin(__import__('math').pi * k / 256))"
             " for k in range(128))",
             (STEP_UP,),
@@ -207,13 +205,15 @@ MUTANTS = (
         "sine-entry-off-by-one",
         "One entry of the sine table, that of 126, is off by one.",
         "LPC-005",
-        Rebind("codecs.sine:SINES", "SINES[:126] + (SINES[126] + 1,) + SINES[127:]", (STEP_UP,)),
+        Rebind(
+            "codecs.predicted:SINES", "SINES[:126] + (SINES[126] + 1,) + SINES[127:]", (STEP_UP,)
+        ),
     ),
     mutant(
         "references-unsigned",
         "The weights of references have no sign.",
         "LPC-007",
-        Edit("codecs.references:parse_references", "byte - 256 if byte > 127 else byte", "byte"),
+        Edit("codecs.predicted:parse_references", "byte - 256 if byte > 127 else byte", "byte"),
     ),
     mutant(
         "references-mirrored",
@@ -263,7 +263,7 @@ MUTANTS = (
         "last-knot-off-by-one",
         "The last knot of a coded line is at tick span.",
         "KTE-004",
-        Edit("codecs.knots_coded:decode_indices", "ticks[-1] = span - 1", "ticks[-1] = span"),
+        Edit("codecs.knots:decode_indices", "ticks[-1] = span - 1", "ticks[-1] = span"),
     ),
     mutant(
         "knots-line-ends-early",
@@ -308,12 +308,12 @@ MUTANTS = (
         "Rule 4 of LPCX is used before all lags lie within the packet, with zeros.",
         "EXA-002 EXA-007",
         Edit(
-            "codecs.values:linear_values",
+            "codecs.exact:linear_values",
             "        if t >= reach:\n",
             "        if True:\n",
         ),
         Edit(
-            "codecs.values:linear_values",
+            "codecs.exact:linear_values",
             "v += weight * x[t - lag]",
             "v += weight * (x[t - lag] if t >= lag else 0.0)",
         ),
@@ -323,7 +323,7 @@ MUTANTS = (
         "The sum of rule 4 is rounded at the end alone.",
         "EXA-002 EXA-007",
         Edit(
-            "codecs.values:linear_values",
+            "codecs.exact:linear_values",
             "            v = c0\n"
             "            for x, lag, weight in rows:\n"
             "                v += weight * x[t - lag]",
@@ -350,7 +350,7 @@ MUTANTS = (
         "Rule 1 of LPCX is worked out like rule 0.",
         "EXA-007",
         Edit(
-            "codecs.values:values_of",
+            "codecs.exact:values_of",
             "np.asarray(product + float(b) / float(d))",
             "np.asarray((counts * a + b).astype(np.float64) / float(d))",
         ),
@@ -360,7 +360,7 @@ MUTANTS = (
         "The polynomial of rule 3 is worked out by powers of the count.",
         "EXA-007",
         Edit(
-            "codecs.values:values_of",
+            "codecs.exact:values_of",
             "return np.asarray(v + 0.0)",
             "c0, c1, c2, c3 = coefficients\n"
             "        return np.asarray(c0 + c1 * x + c2 * (x * x) + c3 * (x * x * x) + 0.0)",
@@ -371,7 +371,7 @@ MUTANTS = (
         "The polynomial of rule 3 is rounded at the end alone.",
         "EXA-007",
         Edit(
-            "codecs.values:values_of",
+            "codecs.exact:values_of",
             "return np.asarray(v + 0.0)",
             "from fractions import Fraction\n"
             "        c0, c1, c2, c3 = map(Fraction, coefficients)\n"

@@ -5,15 +5,15 @@ from __future__ import annotations
 
 from .mutant import Edit, mutant
 
-HEADER = "container.walk:header_at"
-FIND = "container.walk:find_header"
-WALK = "container.walk:walk"
+HEADER = "format.walk:header_at"
+FIND = "format.walk:find_header"
+WALK = "format.walk:walk"
 LEARN = "reading.catalogue:Catalogue.learn"
-RUN = "container.salvage:salvage_cluster"
-EXIT = "verdict:verdict_of"
+RUN = "format.cluster:salvage_cluster"
+EXIT = "errors:verdict_of"
 PAYLOAD_HOLDS = "crc32(payload, header.seed) == header.payload_crc"
-IDENTIFY = "container.walk:identify"
-STRANGERS = "container.walk:Strangers.within"
+IDENTIFY = "format.walk:identify"
+STRANGERS = "format.walk:Strangers.within"
 
 MUTANTS = (
     mutant(
@@ -22,7 +22,7 @@ MUTANTS = (
         "CHK-002 REC-001",
         Edit(HEADER, " or data[CRC_OFFSET:] != crc", ""),
         Edit(
-            "container.wire:parse_header",
+            "format.wire:parse_header",
             "if raw.header_crc != crc32(data[:CRC_OFFSET]):",
             "if False:",
         ),
@@ -31,19 +31,19 @@ MUTANTS = (
         "payload-crc-ignored",
         "The CRC of a payload is not looked at.",
         "CHK-003 REC-001",
-        Edit("container.walk:holds", f" and {PAYLOAD_HOLDS}", ""),
+        Edit("format.walk:holds", f" and {PAYLOAD_HOLDS}", ""),
     ),
     mutant(
         "packet-crc-ignored",
         "The CRC of a packet is not looked at.",
         "DAT-004 REC-001",
         Edit(
-            "container.salvage:Salvage.holds",
+            "format.cluster:Salvage.holds",
             "return packet_crc(self.seed, self.head.packet_count, row, data) == row.crc",
             "return True",
         ),
         Edit(
-            "container.cluster:parse_cluster",
+            "format.cluster:parse_cluster",
             "if packet_crc(seed, head.packet_count, row, data) != row.crc:",
             "if False:",
         ),
@@ -62,14 +62,14 @@ MUTANTS = (
         "packet-crc-without-file-id",
         "The CRC of a packet is a plain CRC-32: packets of other files pass.",
         "DAT-004 CHK-004",
-        Edit("container.wire:cluster_seed", ", seed_of(file_id))", ")"),
+        Edit("format.wire:cluster_seed", ", seed_of(file_id))", ")"),
     ),
     mutant(
         "packet-crc-without-sequence",
         "The CRC of a packet leaves out the number of its chunk: packets of other chunks pass.",
         "DAT-004",
         Edit(
-            "container.wire:cluster_seed",
+            "format.wire:cluster_seed",
             'zlib.crc32(sequence.to_bytes(8, "little"), seed_of(file_id))',
             "seed_of(file_id)",
         ),
@@ -78,14 +78,14 @@ MUTANTS = (
         "packet-crc-without-count",
         "The CRC of a packet leaves out how many packets there are.",
         "DAT-004",
-        Edit("container.cluster:packet_crc", "FIELDS.pack(count, ", "FIELDS.pack(0, "),
+        Edit("format.cluster:packet_crc", "FIELDS.pack(count, ", "FIELDS.pack(0, "),
     ),
     mutant(
         "table-crc-ignored",
         "The CRC of a table is not looked at.",
         "DAT-011",
         Edit(
-            "container.cluster:parse_table",
+            "format.cluster:parse_table",
             "if crc32(part[: head.rows_stop], seed) != stored:",
             "if False:",
         ),
@@ -95,7 +95,7 @@ MUTANTS = (
         "The fields of a row are taken without their least values.",
         "DAT-004",
         Edit(
-            "container.cluster:parse_rows",
+            "format.cluster:parse_rows",
             "track, size, start, span = head.least",
             "track = size = start = span = 0",
         ),
@@ -104,7 +104,7 @@ MUTANTS = (
         "payload-crc-without-file-id",
         "The CRC of a payload is a plain CRC-32.",
         "CHK-003",
-        Edit("container.walk:holds", "crc32(payload, header.seed)", "crc32(payload)"),
+        Edit("format.walk:holds", "crc32(payload, header.seed)", "crc32(payload)"),
     ),
     mutant(
         "file-id-of-first-header",
@@ -265,7 +265,7 @@ MUTANTS = (
         "The times of the indexes do not bound the loss.",
         "REC-003 REC-012",
         Edit(
-            "reading.timeline:Timeline.missing",
+            "reading.damage:Timeline.missing",
             "if len(gone) < count:",
             "if True:",
         ),
@@ -275,7 +275,7 @@ MUTANTS = (
         "The first entry of every index is taken for chunk 0.",
         "IDX-002 REC-012",
         Edit(
-            "reading.timeline:Timeline.__init__",
+            "reading.damage:Timeline.__init__",
             "enumerate(index.entries, index.first_sequence)",
             "enumerate(index.entries)",
         ),
@@ -284,19 +284,19 @@ MUTANTS = (
         "lost-times-of-neighbours",
         "What a damaged chunk lost is not bounded by its own entry.",
         "REC-003 REC-012",
-        Edit("reading.timeline:Timeline.of", "return UNKNOWN if", "return UNKNOWN if True or"),
+        Edit("reading.damage:Timeline.of", "return UNKNOWN if", "return UNKNOWN if True or"),
     ),
     mutant(
         "lost-end-unreported",
         "Loss behind the last packet of a track is not reported.",
         "REC-003 REC-012",
-        Edit("reading.losses:Losses.end", "if hole is not None:", "if False:"),
+        Edit("reading.damage:Losses.end", "if hole is not None:", "if False:"),
     ),
     mutant(
         "lost-holes-unreported",
         "Loss between two packets is not reported.",
         "REC-003 REC-012",
-        Edit("reading.losses:Losses.settle", "if low < high:", "if False:"),
+        Edit("reading.damage:Losses.settle", "if low < high:", "if False:"),
     ),
     mutant(
         "exit-0-on-loss",
@@ -328,9 +328,7 @@ MUTANTS = (
         "digests-never-compared",
         "Digests are read and never compared.",
         "DGS-002",
-        Edit(
-            "reading.digests:DigestCheck.compare", "self.running[id_].digest() != digest", "False"
-        ),
+        Edit("reading.reader:DigestCheck.compare", "self.running[id_].digest() != digest", "False"),
         role="verifier",
     ),
     mutant(
@@ -338,7 +336,7 @@ MUTANTS = (
         "A digest is compared with all packets, also those behind it.",
         "DGS-003",
         Edit(
-            "reading.digests:DigestCheck.add",
+            "reading.reader:DigestCheck.add",
             "if piece.offset < offset:",
             "if piece.track.id in self.running:",
         ),
@@ -349,7 +347,7 @@ MUTANTS = (
         "What an index lists is not compared with the chunks.",
         "IDX-002 IDX-006",
         Edit(
-            "verifier:check_structure",
+            "reading.verifier:check_structure",
             "check_listing(index, ref.offset, listing, chunk.payload_offset)",
             "pass",
         ),
@@ -359,7 +357,7 @@ MUTANTS = (
         "index-number-unchecked",
         "The number of the first chunk that an index lists is not compared.",
         "IDX-002",
-        Edit("container.index:check_listing", "if index.first_sequence != start:", "if False:"),
+        Edit("format.index:check_listing", "if index.first_sequence != start:", "if False:"),
         role="verifier",
     ),
     mutant(
@@ -367,7 +365,7 @@ MUTANTS = (
         "The counts of a footer are not compared with the file.",
         "FOT-002",
         Edit(
-            "verifier:check_structure",
+            "reading.verifier:check_structure",
             "if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):",
             "if False:",
         ),

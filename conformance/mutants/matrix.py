@@ -28,9 +28,9 @@ class Forked(Implementation):
     """hapfmt in a worker."""
 
     def __init__(self, mutant: Mutant | None = None, watched: Collection[str] = ()) -> None:
-        verbs = import_module("hapfmt.conformance.verbs")
+        verbs = import_module("hapfmt_adapter.verbs")
         self.capabilities = dict(verbs.CAPABILITIES)
-        self.command = ["python", "-m", "hapfmt.conformance"]
+        self.command = ["python", "conformance/adapters/python"]
         self.caps = Caps(SECONDS)
         self.worker = Worker(mutant, watched)
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any
 
-PACKAGE = "hapfmt"
+PACKAGE, ADAPTER = "hapfmt", "hapfmt_adapter"
 
 
 class NotApplicableError(Exception):
@@ -97,7 +97,9 @@ def owner_of(place: str) -> tuple[Any, str]:
     module, _, path = place.partition(":")
     *outer, name = path.split(".")
     try:
-        owner: Any = importlib.import_module(f"{PACKAGE}.{module}")
+        owner: Any = importlib.import_module(
+            module if module.startswith(ADAPTER) else f"{PACKAGE}.{module}"
+        )
         for part in outer:
             owner = getattr(owner, part)
     except (ImportError, AttributeError) as error:

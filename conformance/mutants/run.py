@@ -27,6 +27,7 @@ ROOM = Path(__file__).resolve().parent.parent
 if __name__ == "__main__":
     sys.path[0] = str(ROOM)
     sys.path.insert(0, str(ROOM.parent))
+    sys.path.insert(0, str(ROOM / "adapters" / "python"))
 from runner.manifest import Case, load, make_on_demand, select  # noqa: E402
 
 from mutants import MUTANTS, table  # noqa: E402

@@ -23,7 +23,7 @@ SECONDS = 10.0
 """Of one verb."""
 MEMORY = 2 << 30
 """Bytes of address space."""
-LEFT_OUT = ("hapfmt.cli", "hapfmt.plotting", "hapfmt.__main__", "hapfmt.conformance.__main__")
+LEFT_OUT = ("hapfmt.cli", "hapfmt.lab.plotting", "hapfmt.__main__")
 
 
 def prepare() -> None:
@@ -110,7 +110,7 @@ def serve(mutant: Mutant | None, watched: Collection[str], lines: int, answers: 
             print(f"{mutant and mutant.name}: {error}".replace("\n", " "), file=out, flush=True)
             os._exit(1)
         print("ready", file=out, flush=True)
-        run = import_module("hapfmt.conformance.verbs").run
+        run = import_module("hapfmt_adapter.verbs").run
         with os.fdopen(lines) as source:
             for line in source:
                 if watched:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from .mutant import Edit, Mutant, mutant
 
-WRITER = "container.filewriter:FileWriter"
-COPY = "recovery.recover:Copy"
+WRITER = "writing.filewriter:FileWriter"
+COPY = "edit.recover:Copy"
 WITHIN = "encoder.bounded:encode_bounded"
 FILLED = """import numpy as np
     values, parts, at = read_numbers(folder / one["numbers"], one["format"]), [], 0
@@ -55,7 +55,7 @@ MUTANTS = (
         "Nothing is described for tracks whose description is lost.",
         "REC-007 TRK-010 TRK-012",
         Edit(
-            "recovery.descriptions:describe",
+            "edit.recover:describe",
             "places = placeholders({track.id: track for track in kept}, catalogue)",
             "places: list[Track] = []",
         ),
@@ -66,7 +66,7 @@ MUTANTS = (
         "Chunks of unknown types are left out.",
         "REC-010",
         Edit(
-            "recovery.extras:Extras.may_be_copied",
+            "edit.recover:Extras.may_be_copied",
             "return chunk.header.critical or safe or whole",
             "return False",
         ),
@@ -76,7 +76,7 @@ MUTANTS = (
         "Unknown chunks that are unsafe to copy are kept after loss.",
         "REC-010",
         Edit(
-            "recovery.extras:Extras.may_be_copied",
+            "edit.recover:Extras.may_be_copied",
             "return chunk.header.critical or safe or whole",
             "return True",
         ),
@@ -85,7 +85,7 @@ MUTANTS = (
         "recover-drops-metadata",
         "Metadata is not copied.",
         "REC-010",
-        Edit("recovery.extras:Extras.copy", "if keep:", 'if keep and header.type != "mETa":'),
+        Edit("edit.recover:Extras.copy", "if keep:", 'if keep and header.type != "mETa":'),
     ),
     recoverer(
         "recover-says-nothing",
@@ -139,7 +139,7 @@ MUTANTS = (
         "The footer rounds the duration down.",
         "FOT-002",
         Edit(
-            "container.index:ceil_ns",
+            "format.index:ceil_ns",
             "-(-seconds.numerator * 10**9 // seconds.denominator)",
             "seconds.numerator * 10**9 // seconds.denominator",
         ),
@@ -149,7 +149,7 @@ MUTANTS = (
         "The CRC of a packet does not cover its row.",
         "DAT-004",
         Edit(
-            "container.cluster:build_cluster",
+            "format.cluster:build_cluster",
             "packet_crc(seed, count, row, packet.data)",
             "crc32(packet.data, seed)",
         ),
@@ -159,7 +159,7 @@ MUTANTS = (
         "The CRC of a packet does not begin with the file id.",
         "DAT-004",
         Edit(
-            "container.cluster:build_cluster",
+            "format.cluster:build_cluster",
             "packet_crc(seed, count, row, packet.data)",
             "packet_crc(0, count, row, packet.data)",
         ),
@@ -178,7 +178,7 @@ MUTANTS = (
         "overlong-varint-written",
         "Varints of one byte are written with two.",
         "CNV-002",
-        Edit("integers:build_varint", "out.append(value)\n", "out += bytes([value | 0x80, 0])\n"),
+        Edit("numbers:build_varint", "out.append(value)\n", "out += bytes([value | 0x80, 0])\n"),
     ),
     encoder(
         "random-file-id",
@@ -200,9 +200,9 @@ MUTANTS = (
         "gaps-written-as-zeros",
         "Gaps of the source are stored as zeros.",
         "WRT-004 DBC-004",
-        Edit("conformance.job:channel_of", "return Channel(", FILLED),
+        Edit("hapfmt_adapter.job:channel_of", "return Channel(", FILLED),
         Edit(
-            "conformance.job:channel_of",
+            "hapfmt_adapter.job:channel_of",
             'stored=read_numbers(folder / one["numbers"], one["format"])',
             "stored=np.concatenate(parts)",
         ),
@@ -230,7 +230,7 @@ MUTANTS = (
             "    bound = replace(asked, band=band, slack=asked.slack + 1)",
         ),
         Edit(WITHIN, "contract_for(bound.band)", "contract_for(asked.band)"),
-        Edit("encoder.check:largest_errors", "if contract and contract.guaranteed:", "if False:"),
+        Edit("encoder.unit:largest_errors", "if contract and contract.guaranteed:", "if False:"),
     ),
     encoder(
         "words-backwards",

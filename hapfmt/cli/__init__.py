@@ -12,8 +12,7 @@ from importlib import import_module
 
 import click
 
-from ..errors import HapfmtError
-from ..names import similar, unknown
+from ..errors import HapfmtError, similar, unknown
 from ..version import SPEC_VERSION, __version__
 from . import screen
 

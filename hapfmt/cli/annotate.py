@@ -15,6 +15,7 @@ from ..errors import ParameterError
 from ..numbers import counted
 from .common import (
     FractionType,
+    copy_option,
     echo_json,
     force_option,
     input_of,
@@ -22,11 +23,9 @@ from .common import (
     output_of,
     refuse_target,
     standard_input,
+    tell_added,
 )
-from .editing import copy_option, tell_added
-from .help import Verb
-from .screen import say
-from .tables import table
+from .screen import Verb, say, table
 
 if TYPE_CHECKING:
     from ..events import Event

@@ -16,11 +16,9 @@ from .common import (
     output_of,
     output_option,
     refuse_target,
+    tell_added,
 )
-from .editing import tell_added
-from .help import Verb
-from .screen import say
-from .tables import table
+from .screen import Verb, say, table
 
 if TYPE_CHECKING:
     from ..edit import Original

@@ -16,14 +16,12 @@ from .common import (
     memory_option,
     tell_losses,
 )
-from .help import Verb
-from .screen import say
-from .tables import table
+from .screen import Verb, say, table
 
 if TYPE_CHECKING:
-    from ..clocks import Delays
-    from ..container.clocks import ClockMap, ClockObservation
+    from ..format.extras import ClockMap, ClockObservation
     from ..limits import Limits
+    from ..reading.clocks import Delays
     from ..reading.reader import Reader
 
 NS = Fraction(10**9)
@@ -100,7 +98,7 @@ def by_clock(reader: Reader) -> list[list[ClockObservation]]:
 def one_clock(
     reader: Reader, seen: list[ClockObservation], fitted: tuple[Delays, float | None] | None
 ) -> dict[str, Any]:
-    from ..clocks import fit_clock, summarise
+    from ..reading.clocks import fit_clock, summarise
 
     clock, track = seen[0].clock, seen[0].track
     rate = NS if track is None else reader.catalogue.tracks[track].rate

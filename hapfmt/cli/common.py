@@ -1,4 +1,9 @@
-"""What the verbs share: files and pipes, progress, tables, JSON."""
+"""What the verbs share: files and pipes, progress, tables, JSON.
+
+What the verbs that edit share.
+
+Opens files of any format in parts, for plot and compare.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +11,7 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from math import isfinite
@@ -15,18 +20,19 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
-from ..atomic import refuse
-from ..container.wire import FILE_ID_LIMIT
-from ..damage import told
-from ..errors import ParameterError
+from ..errors import DAMAGED, UNSUPPORTED, ParameterError, channels_called
+from ..files import refuse
+from ..format.wire import FILE_ID_LIMIT
 from ..limits import Limits
 from ..numbers import counted, exact
+from ..reading.damage import told
 from ..units import units_for
-from ..verdict import DAMAGED, UNSUPPORTED
 from .screen import JOINED, closed, complain, note, raw, say, terminal_text, width_of
 
 if TYPE_CHECKING:
-    from ..encoder.tolerance import Tolerance
+    from ..edit import Edited, Original
+    from ..encoder.settings import Tolerance
+    from ..lab.survey.parts import Parts
     from ..reading.reader import Reader
     from ..recording import Recording
 
@@ -246,7 +252,7 @@ class AmountType(click.ParamType["Tolerance"]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> Tolerance:
-        from ..encoder.tolerance import Tolerance
+        from ..encoder.settings import Tolerance
 
         if isinstance(value, Tolerance):
             return value
@@ -486,3 +492,140 @@ def tell_notes(recording: Recording) -> None:
         where = f", all in {name}" if most == sum(missing) else f", most in {name} ({most})"
     stay = "it stays a gap" if gaps == 1 else "they stay gaps"
     note(f"{counted(gaps, 'gap')} with {counted(sum(missing), 'missing sample')}{where}: {stay}")
+
+
+canonical_option = click.option(
+    "--canonical",
+    type=FileIdType(),
+    metavar="FILE_ID",
+    help="The same input gives the same bytes; FILE_ID replaces the random file id.",
+)
+to_zero_option = click.option(
+    "--to-zero",
+    is_flag=True,
+    help="Move the first packet to tick 0, or as near as whole ticks of every track allow. The "
+    "epoch moves too.",
+)
+by_epoch_option = click.option(
+    "--by-epoch", is_flag=True, help="Place each file by its epoch, to the nearest tick."
+)
+same_times_option = click.option(
+    "--same-times", is_flag=True, help="Tick 0 of all files is the same moment."
+)
+copy_option = output_option("OUT", "Leave FILE as it is and write a copy with the addition.")
+
+
+@contextmanager
+def originals(names: Sequence[str], limits: Limits) -> Iterator[list[Original]]:
+    """The files that are edited, open within the limits."""
+    from ..edit import Original
+
+    with ExitStack() as stack:
+        yield [stack.enter_context(Original(input_of(name), limits=limits)) for name in names]
+
+
+def tell(edited: Edited, target: str, as_json: bool) -> None:
+    """What was written, and what not; nothing on standard output where the file goes there."""
+    if target == "-":
+        for each in edited.notes:
+            note(each)
+    elif as_json:
+        echo_json(edited.as_json())
+    else:
+        show(edited)
+
+
+def show(edited: Edited) -> None:
+    say(f"{edited.file or '-'}: {line(edited)}")
+    for each in edited.notes:
+        note(each)
+
+
+def line(edited: Edited) -> str:
+    span = "no samples"
+    if edited.start is not None and edited.stop is not None:
+        span = f"{float(edited.start):.6g} s to {float(edited.stop):.6g} s"
+    return (
+        f"{edited.file_size} bytes, {counted(len(edited.channels), 'channel')}, {span}, "
+        f"{counted(edited.packet_count, 'packet')}"
+    )
+
+
+def named(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
+    """FILE=SECONDS by the place of the file."""
+    found: dict[int, Any] = {}
+    for pair in pairs:
+        name, equals, text = pair.rpartition("=")
+        if not equals or files.count(name) != 1:
+            raise ParameterError(
+                f"Expected --offset IN=SECONDS with one of the input files, got {pair!r}"
+            )
+        found[files.index(name)] = exact(text)
+    return found
+
+
+def tell_added(file: str, what: str, notes: Sequence[str], as_json: bool) -> None:
+    """What was appended to a file; nothing on standard output where the file goes there."""
+    for each in notes:
+        note(each)
+    if file == "-":
+        return
+    if as_json:
+        echo_json({"file": file, "notes": list(notes)})
+    else:
+        say(f"{file}: {what}")
+
+
+def open_parts(
+    name: str,
+    format_: str | None,
+    rate: str | None,
+    limits: Limits,
+    channels: Sequence[str] = (),
+    *,
+    numbers: Sequence[int] | None = None,
+    whole: bool = True,
+    transpose: bool | None = None,
+) -> Parts:
+    """``channels``: labels or numbers as a person gives them; ``numbers``: these;
+    ``whole``: all of its time is wanted, so a hapf file is checked from end to end;
+    ``transpose``: for a file of arrays, others ignore it."""
+    from ..lab.survey.parts import FileParts, RecordingParts
+    from ..reading.reader import Reader
+
+    suffix = suffix_of(name, None if name.lower().endswith(HAPF) else format_)
+    if suffix == HAPF:
+        reader = Reader(input_of(name), limits=limits)
+        try:
+            labels = [ref.label for ref in reader.channels]
+            return FileParts(reader, numbers or parse_channels(channels, labels), whole=whole)
+        except BaseException:
+            reader.close()
+            raise
+    transpose = transpose if suffix in ARRAYS else None
+    recording, _ = load_recording(name, format_, rate, limits, transpose=transpose)
+    labels = [channel.label for channel in recording.channels]
+    names: Sequence[str | int] | None = numbers or parse_channels(channels, labels)
+    places = None if names is None else channels_called(names, dict(enumerate(labels)))
+    return RecordingParts(recording, places)
+
+
+def matched(
+    parts: Parts,
+    name: str,
+    format_: str | None,
+    rate: str | None,
+    limits: Limits,
+    transpose: bool | None,
+) -> Parts:
+    """The channels of the file ``name`` that belong to those of ``parts``: of the same places, as
+    in ``verify`` (SPEC DBC-003)."""
+    numbers = [channel.number for channel in parts.channels]
+    try:
+        return open_parts(name, format_, rate, limits, numbers=numbers, transpose=transpose)
+    except ParameterError as error:
+        if not error.message.startswith("no channel"):
+            raise
+        raise ParameterError(
+            f"The original lacks a channel of the file: {error.message}", path=name
+        ) from None

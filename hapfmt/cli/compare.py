@@ -10,7 +10,6 @@ import click
 
 from ..errors import ParameterError
 from ..numbers import counted
-from .bounds import amount
 from .common import (
     AmountType,
     echo_json,
@@ -18,6 +17,7 @@ from .common import (
     input_format_option,
     json_option,
     memory_option,
+    open_parts,
     output_of,
     progress,
     refuse_span,
@@ -26,20 +26,18 @@ from .common import (
     stop_option,
     transpose_option,
 )
-from .help import Verb
-from .parts import open_parts
+from .encode import amount
 from .plot import finish, told
-from .screen import note, printable, say
-from .tables import Column, table
+from .screen import Column, Verb, note, printable, say, table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from fractions import Fraction
 
-    from ..encoder.tolerance import Tolerance
+    from ..encoder.settings import Tolerance
+    from ..lab.survey.compare import Comparison
+    from ..lab.survey.views import ChannelView
     from ..limits import Limits
-    from ..survey.compare import Comparison
-    from ..survey.views import View
 
 DIFFERENT = 3
 """As ``verify --against`` says that a promise does not hold (SPEC clause 13)."""
@@ -89,14 +87,14 @@ def compare(
     hapfmt compare original.npz touch.hapf
     hapfmt compare a.hapf b.hapf --tolerance 0.5lsb --plot both.png
     """
-    from ..atomic import refuse
-    from ..survey.compare import compare as run
-    from ..survey.compare import pair_up
+    from ..files import refuse
+    from ..lab.survey.compare import compare as run
+    from ..lab.survey.compare import pair_up
 
     if a == "-" and b == "-":
         raise ParameterError("Only one of A and B can come from standard input")
     if picture is not None:
-        from ..plotting.style import kind_of, new_figure
+        from ..lab.plotting.panels import kind_of, new_figure
 
         kind_of(picture)
         refuse(picture, force)
@@ -135,15 +133,15 @@ def compare(
 def draw(
     picture: str,
     found: Sequence[Comparison],
-    views: Sequence[View],
+    views: Sequence[ChannelView],
     title: str,
     footnotes: Sequence[str],
     force: bool,
 ) -> None:
-    from ..plotting.difference import pages
-    from ..plotting.pages import Words
-    from ..plotting.style import kind_of, save
-    from ..survey.facts import duration, grouped, rates
+    from ..lab.plotting.figures import pages
+    from ..lab.plotting.pages import Words
+    from ..lab.plotting.panels import kind_of, save
+    from ..lab.survey.views import duration, grouped, rates
 
     if not views:
         raise ParameterError("Nothing to draw: no channel of both has the same rate")

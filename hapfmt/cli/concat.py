@@ -10,15 +10,19 @@ import click
 from ..errors import ParameterError
 from .common import (
     FractionType,
+    by_epoch_option,
+    canonical_option,
     force_option,
     json_option,
     memory_option,
+    originals,
     output_of,
     progress,
     refuse_target,
+    same_times_option,
+    tell,
 )
-from .editing import by_epoch_option, canonical_option, originals, same_times_option, tell
-from .help import Verb
+from .screen import Verb
 
 if TYPE_CHECKING:
     from ..edit import Times

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
-from ..atomic import refuse
 from ..errors import ParameterError
+from ..files import refuse
 from ..limits import Limits
 from .common import (
     HAPF,
@@ -29,7 +29,7 @@ from .common import (
     transpose_option,
     unit_option,
 )
-from .help import Verb
+from .screen import Verb
 
 
 @click.command(cls=Verb)
@@ -78,7 +78,7 @@ def convert(
     tell_notes(recording)
     if suffix_of(target, output_format) == HAPF:
         from ..encoder.settings import Settings
-        from ..writer import write
+        from ..writing.writer import write
 
         with progress("encoding") as advance:
             write(recording, output_of(target), Settings(), force=force, progress=advance)

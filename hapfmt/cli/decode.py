@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, cast
 
 import click
 
-from ..atomic import refuse
 from ..errors import ParameterError
+from ..files import refuse
 from .common import (
     contents,
     echo_json,
@@ -30,7 +30,7 @@ from .common import (
     tell_written,
     threads_option,
 )
-from .help import Verb
+from .screen import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits

@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import BitsType, FractionType, echo_json, force_option, json_option
-from .help import Verb
-from .screen import say
-from .tables import Column, table
+from .screen import Column, Verb, say, table
 
 if TYPE_CHECKING:
     from ..recording import Recording
@@ -101,8 +99,8 @@ def demo(
     hapfmt demo
     hapfmt demo --texture cork --plot demo.png --output demo.hapf
     """
-    from ..atomic import atomic_write, refuse
-    from ..scenes.stylus import simulate
+    from ..files import atomic_write, refuse
+    from ..lab.scenes.stylus import simulate
 
     for path in (output, plot):
         if path is not None:
@@ -143,10 +141,10 @@ def demo(
 def run(recording: Recording, name: str, options: dict[str, Any]) -> Outcome:
     """Encode with one of PRESETS, decode, compare."""
     from ..encoder.settings import Settings
-    from ..metrics import max_error, rmse, snr_hf_db
+    from ..lab.metrics import max_error, rmse, snr_hf_db
     from ..reading.reader import Reader
-    from ..verifier import verify
-    from ..writer import write
+    from ..reading.verifier import verify
+    from ..writing.writer import write
 
     preset, given, kept = PRESETS[name]
     stream = io.BytesIO()
@@ -224,9 +222,9 @@ def draw(
     import numpy as np
 
     from ..codecs.knots import parse_knots
-    from ..container.cluster import Packet
-    from ..encoder.perception import FORCE_FLOOR_N
-    from ..plotting import Demonstrated, plot_demo
+    from ..encoder.settings import FORCE_FLOOR_N
+    from ..format.cluster import Packet
+    from ..lab.plotting.figures import Demonstrated, plot_demo
     from ..reading.reader import Reader
 
     with Reader(outcomes[-1].data) as reader:

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import echo_json, json_option
-from .help import Verb
-from .screen import document, say
-from .tables import Column, table
+from .screen import Column, Verb, document, say, table
 
 if TYPE_CHECKING:
-    from ..replay.profile.matching import Device
+    from ..replay.profile.matching import SystemDevice
     from ..replay.profile.model import Profile
 
 RULES_FILE = "/etc/udev/rules.d/70-hapfmt.rules"
@@ -59,7 +57,9 @@ def devices(own: tuple[str, ...], as_json: bool) -> int:
     return 0
 
 
-def told(device: Device, collections: list[Device], profiles: list[Profile]) -> dict[str, Any]:
+def told(
+    device: SystemDevice, collections: list[SystemDevice], profiles: list[Profile]
+) -> dict[str, Any]:
     """One device, with all of its collections."""
     from ..replay.profile.matching import profiles_for
 
@@ -90,14 +90,14 @@ def told(device: Device, collections: list[Device], profiles: list[Profile]) -> 
     return row
 
 
-def may_open(device: Device) -> bool:
+def may_open(device: SystemDevice) -> bool:
     """Whether this user may write to it, as far as the file system tells."""
     if sys.platform.startswith("linux") and device.path.startswith(b"/"):
         return os.access(device.path, os.R_OK | os.W_OK)
     return True
 
 
-def judge(device: Device, profiles: list[Profile]) -> list[dict[str, Any]] | None:
+def judge(device: SystemDevice, profiles: list[Profile]) -> list[dict[str, Any]] | None:
     """Each profile against the descriptor of the device; None if that cannot be read."""
     from ..errors import DeviceError
     from ..replay.profile.matching import differences
@@ -131,7 +131,7 @@ def missing(row: dict[str, Any]) -> list[str]:
     return found
 
 
-def udev_rule(device: Device) -> str:
+def udev_rule(device: SystemDevice) -> str:
     """The kernel names a HID device BUS:VENDOR:PRODUCT.NUMBER, on every bus alike."""
     name = f"*:{device.vendor_id:04X}:{device.product_id:04X}.*"
     return f'SUBSYSTEM=="hidraw", KERNELS=="{name}", TAG+="uaccess"'

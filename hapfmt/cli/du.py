@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..container.source import open_source
+from ..format.source import open_source
 from ..limits import Limits
 from .common import echo_json, input_of, json_option, memory_option
-from .help import Verb
-from .screen import say
-from .tables import Column, table
+from .screen import Column, Verb, say, table
 
 if TYPE_CHECKING:
-    from ..usage import TrackUsage
+    from ..reading.dump import TrackUsage
 
 SHOWN_LABELS = 2
 """Labels of a track in its row."""
@@ -31,7 +29,7 @@ def du(file: str, as_json: bool, max_memory: Limits) -> int:
     hapfmt du touch.hapf
     hapfmt du touch.hapf --json
     """
-    from ..usage import measure
+    from ..reading.dump import measure
 
     source = open_source(input_of(file))
     try:

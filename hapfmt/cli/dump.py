@@ -6,11 +6,10 @@ import json
 
 import click
 
-from ..container.source import open_source
+from ..format.source import open_source
 from ..limits import Limits
 from .common import input_of, memory_option
-from .help import Verb
-from .screen import raw
+from .screen import Verb, raw
 
 
 @click.command(cls=Verb)
@@ -26,7 +25,7 @@ def dump(file: str, counts: bool, max_memory: Limits) -> int:
     hapfmt dump touch.hapf
     hapfmt dump touch.hapf --counts > touch.json
     """
-    from ..dump import dump as dump_chunks
+    from ..reading.dump import dump as dump_chunks
 
     source = open_source(input_of(file))
     code = 0

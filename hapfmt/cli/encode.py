@@ -1,16 +1,25 @@
-"""hapfmt encode"""
+"""hapfmt encode
+
+What hapfmt encode prints: what became of each channel, and what the choice cost or saved.
+
+The error bound of a channel in words, in its unit.
+"""
 
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from dataclasses import replace as changed
 from fractions import Fraction
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from ..errors import ParameterError
-from ..names import channels_called
+from ..errors import ParameterError, channels_called
+from ..format.track import Component, Contract
+from ..numbers import counted
 from .common import (
     HAPF,
     AmountType,
@@ -35,13 +44,166 @@ from .common import (
     transpose_option,
     unit_option,
 )
-from .help import Verb
-from .screen import note
+from .screen import JOINED, Column, Verb, note, say, table
 
 if TYPE_CHECKING:
+    from ..encoder.encode import Decision
     from ..limits import Limits
     from ..recording import Recording
-    from ..writer import Summary
+    from ..writing.writer import Summary
+
+LOSSLESS = "lossless"
+
+
+def unit_text(unit: str) -> str:
+    """A UCUM unit for people: nothing for the unit 1, counts for {count}."""
+    return "" if unit == "1" else unit.strip("{}") + "s" if unit == "{count}" else unit
+
+
+def amount(value: float, unit: str, digits: int = 3) -> str:
+    """A number with its unit, if it has one."""
+    return f"{value:.{digits}g}{JOINED}{unit_text(unit)}".rstrip()
+
+
+def bound_text(contract: Contract | None, component: Component, index: int) -> str:
+    """How far a decoded sample may be from the recorded one."""
+    a, _, d = component.calibration
+    moved = component.deviation[1] if component.deviation else 0.0
+    if contract is None:
+        return f"within {amount(moved, component.unit)}" if moved else LOSSLESS
+    floor = contract.floor[min(index, len(contract.floor) - 1)]
+    least = amount(floor * abs(a / d) + moved, component.unit)
+    aim = "" if contract.guaranteed else ", an aim"
+    vector = " of the vector" if contract.vector else ""
+    if not contract.kn:
+        return f"within {least}{vector}{aim}"
+    return f"{100 * contract.kn / contract.kd:.3g}{JOINED}%{vector}, at least {least}{aim}"
+
+
+GROUPED = 16
+"""Of more channels than this, neighbours that were kept alike share a line."""
+TRIED_TICKS = 1 << 13
+"""Of each channel, for the estimate of another preset."""
+FLOATING = ("stored as float", "kept as doubles")
+MAX_ERROR = "0.1%"
+
+
+@dataclass(frozen=True)
+class ChannelRow:
+    """One channel, or neighbours that were kept alike."""
+
+    label: str
+    kept_as: str
+    unit: str
+    sample_count: int
+    size: int
+    largest_error: float
+
+    def cells(self) -> list[str]:
+        error = amount(self.largest_error, self.unit) if self.largest_error else "0"
+        return [
+            self.label,
+            self.kept_as,
+            f"{8 * self.size / self.sample_count:.2f}" if self.sample_count else "-",
+            str(self.size),
+            error,
+        ]
+
+
+def show(
+    summary: Summary, target: str, seconds: float, recording: Recording, *, verbose: bool
+) -> None:
+    rows = [row_of(each) for each in summary.decisions]
+    if len(rows) > GROUPED and not verbose:
+        rows = list(grouped(rows))
+    headers = [
+        Column("label"), Column("kept as"), Column("bits/sample"), Column("bytes", 1),
+        Column("largest error"),
+    ]  # fmt: skip
+    table(headers, [row.cells() for row in rows])
+    if verbose:
+        for each in summary.decisions:
+            axes = f", {each.axis_count} axes" if each.axis_count > 1 else ""
+            say(f"{name_of(each)}: {each.chosen}{axes}: {each.reason}; {each.lattice}")
+    took = f", in {seconds:.1f}{JOINED}s" if seconds >= 1 else ""
+    say(f"{target}: {summary.file_size} bytes, {compared(summary)}{took}")
+    hint = advice(summary, recording)
+    if hint:
+        say(hint)
+
+
+def row_of(each: Decision) -> ChannelRow:
+    kept_as = each.kept_as or ("lossless" if each.exact else each.chosen)
+    return ChannelRow(
+        name_of(each), kept_as, each.unit, each.sample_count, each.size, each.largest_error
+    )
+
+
+def name_of(each: Decision) -> str:
+    return each.label or f"channel {each.channel}"
+
+
+def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
+    for _, run in groupby(rows, lambda row: (row.kept_as, row.unit)):
+        members = list(run)
+        if len(members) < 3:
+            yield from members
+            continue
+        yield changed(
+            members[0],
+            label=f"{members[0].label} and {len(members) - 1} more",
+            sample_count=sum(row.sample_count for row in members),
+            size=sum(row.size for row in members),
+            largest_error=max(row.largest_error for row in members),
+        )
+
+
+def compared(summary: Summary) -> str:
+    """Against the samples as they came."""
+    original = sum(each.original_bits * each.sample_count for each in summary.decisions)
+    if not original or not summary.file_size:
+        return counted(summary.sample_count, "sample")
+    bits = 8 * summary.file_size / summary.sample_count
+    came = "float64" if all(d.original_bits == 64 for d in summary.decisions) else "the input"
+    ratio = original / (8 * summary.file_size)
+    words = f"{ratio:.1f} times smaller" if ratio >= 1 else f"{1 / ratio:.1f} times LARGER"
+    return f"{words} than {came} ({bits:.2f}{JOINED}bits/sample)"
+
+
+def advice(summary: Summary, recording: Recording) -> str:
+    """What another preset would make of floating-point channels that were kept to the last bit."""
+    every = summary.decisions
+    floating = [each for each in every if each.exact and each.lattice.startswith(FLOATING)]
+    if not floating or 2 * sum(each.size for each in floating) < sum(each.size for each in every):
+        return ""
+    ratio = near_lossless_ratio(recording)
+    if ratio <= 1.5 * 8 * summary.sample_count / summary.file_size:
+        return ""
+    those = counted(len(every), "channel") + (" is" if len(floating) == 1 else " are")
+    now = sum(each.original_bits * each.sample_count for each in every) / (8 * summary.file_size)
+    instead = f", not {now:.1f} times" if now >= 1 else ""
+    return (
+        f"{len(floating)} of {those} floating point. With --preset near-lossless "
+        f"--max-error {MAX_ERROR} this file would be about {ratio:.0f} times smaller than "
+        f"float64{instead}."
+    )
+
+
+def near_lossless_ratio(recording: Recording) -> float:
+    """Float64 against the near-lossless packets, measured on the middle of every channel."""
+    from ..encoder.encode import encode as encode_recording
+    from ..encoder.settings import Settings
+
+    parts = []
+    for channel in recording.channels:
+        middle = (channel.start_tick + channel.stop_tick) // 2
+        first = max(middle - TRIED_TICKS // 2, channel.start_tick)
+        parts.append(channel.slice_ticks(first, first + TRIED_TICKS))
+    settings = Settings.of("near-lossless", max_error=MAX_ERROR)
+    tried = encode_recording(changed(recording, channels=tuple(parts)), settings, threads=1)
+    size = sum(len(packet.data) for packet in tried.packets)
+    return 8 * sum(part.stored.size for part in parts) / max(size, 1)
+
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -194,7 +356,7 @@ def encode(
     cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
     from ..encoder.settings import Settings, lossy_preset, renamed
-    from ..writer import write
+    from ..writing.writer import write
 
     refuse_target(target, force)
     if target != "-" and suffix_of(target, None) != HAPF:
@@ -226,8 +388,6 @@ def encode(
     if as_json and target != "-":
         echo_json(summary_json(summary, recording.duration, seconds))
     elif target != "-":
-        from .encoded import show
-
         show(summary, target, seconds, recording, verbose=verbose)
     return code
 

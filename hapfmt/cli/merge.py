@@ -8,16 +8,21 @@ import click
 
 from ..errors import ParameterError
 from .common import (
+    by_epoch_option,
+    canonical_option,
     force_option,
     json_option,
     memory_option,
+    named,
+    originals,
     output_of,
     progress,
     refuse_target,
+    same_times_option,
+    tell,
 )
 from .concat import times_of
-from .editing import by_epoch_option, canonical_option, named, originals, same_times_option, tell
-from .help import Verb
+from .screen import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits

@@ -9,16 +9,16 @@ import click
 
 from ..errors import ParameterError
 from .common import (
+    copy_option,
     echo_json,
     force_option,
     input_of,
     json_option,
     output_of,
     refuse_target,
+    tell_added,
 )
-from .editing import copy_option, tell_added
-from .help import Verb
-from .screen import say
+from .screen import Verb, say
 
 
 @click.command(cls=Verb)

@@ -13,7 +13,9 @@ from ..numbers import counted
 from .common import (
     force_option,
     input_format_option,
+    matched,
     memory_option,
+    open_parts,
     output_of,
     output_option,
     progress,
@@ -25,14 +27,12 @@ from .common import (
     tell_written,
     transpose_option,
 )
-from .help import Verb
-from .parts import matched, open_parts
-from .screen import note, printable
+from .screen import Verb, note, printable
 
 if TYPE_CHECKING:
+    from ..lab.survey.parts import Parts
+    from ..lab.survey.views import ChannelView
     from ..limits import Limits
-    from ..survey.parts import Parts
-    from ..survey.views import View
 
 ZOOM_TICKS = 400
 """Of the stretch that is drawn sample by sample."""
@@ -93,8 +93,8 @@ def plot(
     hapfmt plot touch.hapf --output errors.pdf --against original.npz
     hapfmt plot touch.npz --window
     """
-    from ..atomic import refuse
-    from ..plotting.style import kind_of, new_figure, save
+    from ..files import refuse
+    from ..lab.plotting.panels import kind_of, new_figure, save
 
     if (output is None) != window:
         raise ParameterError("Give --output touch.png (or .svg, .pdf), or --window.")
@@ -103,7 +103,7 @@ def plot(
         refuse(output, force)
     new_figure(1, 1)
     if window:
-        from ..plotting.window import open_window
+        from ..lab.plotting.pages import open_window
 
         open_window("hapfmt").destroy()
     refuse_span(start, stop)
@@ -123,7 +123,7 @@ def plot(
         if original is not None:
             original.close()
     if window:
-        from ..plotting.window import show
+        from ..lab.plotting.pages import show
 
         show(figures, f"hapfmt: {file}")
         return code
@@ -145,14 +145,14 @@ def draw(
     details: bool,
 ) -> list[Any]:
     """Pages."""
-    from ..plotting.pages import ROWS, Words, pages
-    from ..survey.views import liveliest, survey, within
+    from ..lab.plotting.pages import ROWS, Words, pages
+    from ..lab.survey.views import liveliest, survey, within
 
     first, last = within(parts, start, stop)
     many = len(parts.channels) > ROWS and not (details and original is not None)
     with progress("reading") as advance:
         views = survey(parts, first, last, against=original, spectra=not many, progress=advance)
-    zoom: View | None = None
+    zoom: ChannelView | None = None
     near = liveliest(views[0], ZOOM_TICKS) if len(views) == 1 else None
     while near is not None:
         zoom = survey(parts, *near, against=original, spectra=False)[0]
@@ -171,10 +171,12 @@ def draw(
     )  # fmt: skip
 
 
-def header(parts: Parts, views: list[View], name: str, whole: bool, compared: bool) -> list[str]:
+def header(
+    parts: Parts, views: list[ChannelView], name: str, whole: bool, compared: bool
+) -> list[str]:
     """The facts of the file."""
-    from ..survey.facts import facts
-    from ..survey.parts import FileParts
+    from ..lab.survey.parts import FileParts
+    from ..lab.survey.views import facts
 
     size = None
     if isinstance(parts, FileParts):
@@ -187,9 +189,9 @@ def header(parts: Parts, views: list[View], name: str, whole: bool, compared: bo
     return found + largest_error(views) if compared else found
 
 
-def largest_error(views: list[View]) -> list[str]:
+def largest_error(views: list[ChannelView]) -> list[str]:
     """Of the channel that has the largest, by its range; one channel says it in its own title."""
-    from ..survey.facts import relative_error
+    from ..lab.survey.views import relative_error
 
     shares = [(relative_error(view), view) for view in views]
     worst, view = max(shares, key=lambda pair: pair[0])
@@ -200,7 +202,7 @@ def largest_error(views: list[View]) -> list[str]:
 
 
 def footnotes(
-    parts: Parts, views: list[View], start: Fraction | None, stop: Fraction | None
+    parts: Parts, views: list[ChannelView], start: Fraction | None, stop: Fraction | None
 ) -> list[str]:
     lines = told(parts, start, stop)
     missing = sum(view.only_original for view in views)
@@ -212,8 +214,8 @@ def footnotes(
 
 def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = "") -> list[str]:
     """Damage of the file, in a few lines."""
-    from ..damage import lost_lines
-    from ..survey.parts import FileParts
+    from ..lab.survey.parts import FileParts
+    from ..reading.damage import lost_lines
 
     lines: list[str] = []
     if isinstance(parts, FileParts):
@@ -230,7 +232,7 @@ def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str 
 
 def finish(parts: Parts, start: Fraction | None, stop: Fraction | None) -> int:
     """Reports damage; returns the exit code."""
-    from ..survey.parts import FileParts
+    from ..lab.survey.parts import FileParts
 
     if not isinstance(parts, FileParts):
         return 0

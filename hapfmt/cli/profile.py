@@ -9,12 +9,10 @@ import click
 
 from ..errors import DeviceError, ParameterError
 from .common import echo_json, json_option
-from .help import Verb
-from .screen import complain, document, say
-from .tables import table
+from .screen import Verb, complain, document, say, table
 
 if TYPE_CHECKING:
-    from ..replay.profile.descriptor import Descriptor
+    from ..replay.profile.matching import Descriptor
     from ..replay.profile.model import Actuator, Profile
 
 HEX_LIMIT = 1 << 20
@@ -119,7 +117,7 @@ def check_profile(file: str, path: str | None, descriptor: str | None, as_json: 
 
 def descriptor_in(name: str) -> Descriptor:
     """From hex as text, or from the bytes themselves (as in Linux' report_descriptor)."""
-    from ..replay.profile.descriptor import DESCRIPTOR_LIMIT, of_hex, parse_descriptor
+    from ..replay.profile.matching import DESCRIPTOR_LIMIT, of_hex, parse_descriptor
 
     path = Path(name)
     with path.open("rb") as stream:

@@ -1,27 +1,211 @@
-"""hapfmt rate"""
+"""hapfmt rate
+
+The questions of hapfmt rate, on a terminal or a pipe.
+
+On a terminal r, p and a act at once, as do all keys where the line is empty; a number is a line
+that Enter ends. From a pipe everything is a line, and its end is a q.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
+import os
 import shutil
+import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..errors import ParameterError
+from ..lab.study.description import HIGHEST, fifth
+from ..lab.study.rating import NotYetError, Rating
 from ..numbers import counted
 from .common import echo_json, force_option, json_option, progress
-from .help import Verb
-from .screen import complain, document, note, say
-from .tables import table
+from .screen import Verb, complain, document, note, printable, raw, say, table
 
 if TYPE_CHECKING:
-    from ..study.description import Study
-    from ..study.outputs import ChannelMap, Output
-    from ..study.prepare import Prepared
-    from ..study.summary import Mean, Row, Summary
+    from ..lab.study.description import Study
+    from ..lab.study.outputs import ChannelMap, StudyOutput
+    from ..lab.study.prepare import Prepared
+    from ..lab.study.summary import Mean, StudySummary, SummaryRow
+
+KEYS = {"r": "reference", "p": "this", "a": "again", "b": "back", "q": "quit", "?": "help"}
+WORDS = {"": "help", **{word: word for word in KEYS.values()}, "play": "this", "h": "help"}
+LONGEST = 40
+"""Characters of a line."""
+BAR = 60
+END, BREAK, ERASE = "\x04", "\x03", "\x7f\b"
+
+
+def conduct(rating: Rating, subject: str) -> bool:
+    """Until all is answered (True) or the subject stops."""
+    head = rating.study.head
+    with AnswerLines() as lines:
+        tell(f"{head.name}: {head.question}" if head.name else head.question)
+        if rating.done:
+            tell(f"{subject}: {rating.done} of {len(rating.trials)} are answered; on with the rest")
+        tell_scale(head.scale)
+        tell_keys()
+        shown = None
+        while rating.trial is not None:
+            if shown != rating.number:
+                shown = rating.number
+                tell_place(rating)
+            word = lines.ask("> ")
+            if word is None or meaning(word) == "quit":
+                return False
+            try:
+                act(rating, word)
+            except NotYetError as error:
+                tell(error.message)
+    tell("Done. Thank you.")
+    return True
+
+
+def meaning(word: str) -> str:
+    word = word.strip().lower()
+    return KEYS.get(word) or WORDS.get(word, "")
+
+
+def act(rating: Rating, word: str) -> None:
+    match meaning(word):
+        case "help":
+            tell_keys()
+        case "back":
+            rating.back()
+        case "reference" | "this" as which:
+            tell_play(rating, rating.play(which))
+        case "again":
+            tell_play(rating, rating.again())
+        case _:
+            number = number_in(word)
+            if number is None:
+                raise NotYetError(f"{printable(word.strip()[:LONGEST])!r} is none of r p a b q ?, "
+                                  f"nor a number from 0 to {HIGHEST}")  # fmt: skip
+            rating.rate(number)
+            tell(f"{number:g}: {fifth(number, rating.study.head.scale)}; saved")
+
+
+def number_in(word: str) -> float | None:
+    """85, 85.5 or 85,5."""
+    word = word.strip().replace(",", ".", 1)
+    if not word.isascii() or not word.replace(".", "", 1).isdigit():
+        return None
+    return float(word)
+
+
+def tell_play(rating: Rating, fault: str) -> None:
+    if fault:
+        tell(f"it was not felt whole, and does not count: {fault}")
+        return
+    what = "the reference" if rating.last == "reference" else "this one"
+    where = {"dry-run": " (dry run: nothing was felt)", "wav": " (written to its WAV file)"}
+    tell(f"played {what}{where.get(rating.output.told['kind'], '')}")
+
+
+def tell_place(rating: Rating) -> None:
+    part, parts, question, questions = rating.place
+    assert rating.trial is not None
+    if question == 1 and part > 1 and not rating.trial.training:
+        tell("")
+        tell("This session is done. Rest as long as you like.")
+    what = "training, does not count" if rating.trial.training else f"session {part} of {parts}"
+    tell("")
+    tell(f"{what}: question {question} of {questions}")
+
+
+def tell_keys() -> None:
+    tell("r plays the reference, p this one, a the last once more")
+    tell(f"a number from 0 to {HIGHEST} and Enter rates this one; b goes back by one, q stops")
+
+
+def tell_scale(scale: tuple[str, ...]) -> None:
+    """A ruler of five labelled fifths."""
+    width = max(BAR // len(scale), *(len(each) + 2 for each in scale))
+    marks = [f"{round(n * HIGHEST / len(scale))}" for n in range(len(scale) + 1)]
+    ruler = "".join(mark.ljust(width, "-") for mark in marks[:-1]) + marks[-1]
+    tell("".join(printable(each).center(width) for each in scale).rstrip())
+    tell(ruler)
+
+
+def tell(text: str) -> None:
+    say(text)
+    sys.stdout.flush()
+
+
+class AnswerLines:
+    """Words of a subject; a terminal gives keys one by one while it is asked, and is as it was
+    before while something plays, so that Ctrl-C always works."""
+
+    def __init__(self) -> None:
+        self.descriptor: int | None = None
+        self.termios: Any = None
+        self.before: Any = None
+
+    def __enter__(self) -> AnswerLines:
+        with suppress(OSError, ValueError, AttributeError, ImportError):
+            descriptor = sys.stdin.fileno()
+            if os.isatty(descriptor) and sys.stdout.isatty():
+                import termios
+
+                self.before = termios.tcgetattr(descriptor)
+                self.descriptor, self.termios = descriptor, termios
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.restore()
+
+    def restore(self) -> None:
+        if self.descriptor is not None:
+            with suppress(OSError, self.termios.error):
+                self.termios.tcsetattr(self.descriptor, self.termios.TCSADRAIN, self.before)
+
+    def ask(self, prompt: str) -> str | None:
+        """A word, or None where no more can come."""
+        if self.descriptor is None:
+            raw(prompt)
+            sys.stdout.flush()
+            line = sys.stdin.readline()
+            if not sys.stdin.isatty():
+                say(line.rstrip("\r\n"))
+            return line.rstrip("\r\n") if line else None
+        keys = self.termios.tcgetattr(self.descriptor)
+        keys[3] &= ~(self.termios.ICANON | self.termios.ECHO)
+        try:
+            self.termios.tcsetattr(self.descriptor, self.termios.TCSADRAIN, keys)
+            # Only now: a key that is typed at the prompt must not meet the terminal's own editing.
+            raw(prompt)
+            sys.stdout.flush()
+            return self.typed()
+        finally:
+            self.restore()
+            say()
+
+    def typed(self) -> str | None:
+        line = ""
+        while True:
+            assert self.descriptor is not None
+            data = os.read(self.descriptor, 1)
+            character = data.decode("latin-1")
+            if not data or (character == END and not line):
+                return None
+            if character in "\r\n":
+                if line:
+                    return line
+            elif character in ERASE:
+                if line:
+                    line = line[:-1]
+                    raw("\b \b")
+            elif character.isprintable() and character.isascii() and len(line) < LONGEST:
+                line += character
+                raw(character)
+                if line.lower() in KEYS:
+                    return line
+            sys.stdout.flush()
+
 
 MODES = ("new", "prepare", "summary")
 LEAST_FREE = 1 << 20
@@ -136,7 +320,7 @@ def rate(
         return begun(files, force, as_json)
     if len(files) != 1:
         raise ParameterError("one study at a time (--new and --summary take several files)")
-    from ..study.description import load_study
+    from ..lab.study.description import load_study
 
     study = load_study(files[0])
     if prepare_only:
@@ -147,9 +331,8 @@ def rate(
 
 
 def begun(files: tuple[str, ...], force: bool, as_json: bool) -> int:
-    from ..atomic import atomic_write
-    from ..study.beginning import new_study
-    from ..study.description import parse_study
+    from ..files import atomic_write
+    from ..lab.study.description import new_study, parse_study
 
     path = Path(files[0])
     text = new_study(path, files[1:])
@@ -169,7 +352,7 @@ def begun(files: tuple[str, ...], force: bool, as_json: bool) -> int:
 
 
 def made(study: Study, folder: Path | None) -> Prepared:
-    from ..study.prepare import prepare
+    from ..lab.study.prepare import prepare
 
     with progress("preparing") as advance:
         return prepare(study, folder or study.folder("conditions"), advance)
@@ -201,11 +384,8 @@ def asked(
     study: Study, subject: str, folder: Path | None, answers: Path | None, felt: dict[str, Any]
 ) -> int:
     """The questions; answers are safe however it ends."""
-    from ..study.answers import AnswerFile
-    from ..study.order import refuse_subject
-    from ..study.outputs import SignalError
-    from ..study.rating import Rating, heading
-    from .rating import conduct
+    from ..lab.study.outputs import SignalError
+    from ..lab.study.rating import AnswerFile, Rating, heading, refuse_subject
 
     refuse_subject(subject)
     choose_output(felt)
@@ -250,8 +430,8 @@ def choose_output(felt: dict[str, Any]) -> None:
         raise ParameterError("--path, --gain, --map, --ignore and --map-by-order require --device")
 
 
-def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
-    from ..study import outputs
+def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> StudyOutput:
+    from ..lab.study import outputs
 
     if felt["device"] is not None:
         from ..replay.profile.parse import load_profile
@@ -264,9 +444,9 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
         if felt["dry_run"]:
             return outputs.Nowhere(profile, felt["gain"], mapping)
         config = outputs.find_device(profile, felt["path"])
-        return outputs.Device(profile, config, felt["gain"], mapping, not felt["no_watchdog"])
+        return outputs.DeviceOutput(profile, config, felt["gain"], mapping, not felt["no_watchdog"])
     if felt["sound"] is not None:
-        from ..study.sound import Card, parse_card
+        from ..lab.study.outputs import Card, parse_card
 
         return outputs.SoundCard(study, prepared, Card(*parse_card(felt["sound"])))
     if felt["wav"] is not None:
@@ -276,8 +456,8 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> Output:
 
 def mapping_of(felt: dict[str, Any], prepared: Prepared) -> ChannelMap:
     """As hapfmt replay takes it; a label may have a comma itself."""
+    from ..lab.study.outputs import ChannelMap
     from ..reading.reader import Reader
-    from ..study.outputs import ChannelMap
     from .replay import parts
 
     with Reader(str(prepared.stimuli[0].path)) as reader:
@@ -289,12 +469,12 @@ def mapping_of(felt: dict[str, Any], prepared: Prepared) -> ChannelMap:
 def summed(
     files: tuple[str, ...], plot: Path | None, as_csv: bool, as_json: bool, force: bool
 ) -> int:
-    from ..study.answers import load_answers
-    from ..study.summary import as_json as told
-    from ..study.summary import summarise
+    from ..lab.study.rating import load_answers
+    from ..lab.study.summary import as_json as told
+    from ..lab.study.summary import summarise
 
     if plot is not None:
-        from ..atomic import refuse
+        from ..files import refuse
 
         refuse(str(plot), force)
     summary = summarise([load_answers(each) for each in files])
@@ -312,8 +492,8 @@ def summed(
     return 0
 
 
-def draw(summary: Summary, path: Path, force: bool) -> None:
-    from ..plotting.opinions import plot_opinions
+def draw(summary: StudySummary, path: Path, force: bool) -> None:
+    from ..lab.plotting.figures import plot_opinions
 
     rows = [row for row in summary.kept or summary.rows if row.session is None]
     plot_opinions(
@@ -325,8 +505,8 @@ def draw(summary: Summary, path: Path, force: bool) -> None:
     )
 
 
-def csv_of(summary: Summary) -> str:
-    from ..study.summary import HEADERS, table_rows
+def csv_of(summary: StudySummary) -> str:
+    from ..lab.study.summary import HEADERS, table_rows
 
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -335,7 +515,7 @@ def csv_of(summary: Summary) -> str:
     return stream.getvalue()
 
 
-def show(summary: Summary) -> None:
+def show(summary: StudySummary) -> None:
     out = summary.screened_out
     study = summary.study
     missed = f"rated the hidden reference below {study['screen_below']:g} too often"
@@ -352,7 +532,7 @@ def people(count: int) -> str:
     return counted(count, "subject")
 
 
-def show_rows(title: str, rows: tuple[Row, ...]) -> None:
+def show_rows(title: str, rows: tuple[SummaryRow, ...]) -> None:
     many = any(row.session is not None for row in rows)
     headers = ["condition", "role", "b/sample", "n", "mean", "+-", "to reference", "+-"]
     shown = [
@@ -377,7 +557,7 @@ def half_of(mean: Mean) -> str:
     return "-" if mean.half is None else f"{mean.half:.1f}"
 
 
-def unfinished(summary: Summary) -> list[str]:
+def unfinished(summary: StudySummary) -> list[str]:
     return [
         f"{each.name} is left out: {each.open} questions are open" for each in summary.unfinished
     ]

@@ -32,13 +32,11 @@ from .common import (
     standard_input,
     unit_option,
 )
-from .help import Verb
-from .screen import complain, note, say
+from .screen import Verb, complain, note, say
 
 if TYPE_CHECKING:
-    from ..live.recorder import Recorder
-    from ..live.session import Header
-    from ..live.status import Status
+    from ..writing.recorder import Recorder, Status
+    from ..writing.streams import Header
 
 PIECE = 1 << 16
 """Bytes taken from the stream at once, at most."""
@@ -136,9 +134,8 @@ def record(
     Two kinds of streams, lines of text and binary frames, are described in docs/streams.md.
     """
     from ..encoder.settings import Settings, renamed
-    from ..live.lines import Table
-    from ..live.recorder import Recorder
-    from ..live.streams import Stream
+    from ..writing.recorder import Recorder
+    from ..writing.streams import BareTable, InputStream
 
     given["felt"] = given["felt"] or None
     chosen = ("fast", "max_error", "k", "floor", "felt", "texture")
@@ -153,8 +150,8 @@ def record(
         more = header.given if not append else {}
         return Recorder(file, header.inputs, settings, metadata=header.metadata, **options, **more)
 
-    table = Table(rate, labels.split(",") if labels else (), unit, lsb)
-    stream = Stream(begin, table)
+    table = BareTable(rate, labels.split(",") if labels else (), unit, lsb)
+    stream = InputStream(begin, table)
     began = time.monotonic()
     with warnings.catch_warnings(), ExitSignals() as stopping:
         warnings.simplefilter("ignore", RuntimeWarning)

@@ -22,12 +22,11 @@ from .common import (
     tell_some,
     verbose_option,
 )
-from .help import Verb
-from .screen import complain, say
+from .screen import Verb, complain, say
 
 if TYPE_CHECKING:
+    from ..edit.recover import Recovery
     from ..limits import Limits
-    from ..recovery.recover import Recovery
 
 
 @click.command(cls=Verb)
@@ -72,7 +71,7 @@ def recover(
     if target is None and not in_place:
         raise ParameterError("Give OUT, the file to write, or --in-place")
     if target is None:
-        from ..recovery.inplace import recover_in_place
+        from ..edit.recover import recover_in_place
 
         with progress("recovering") as advance:
             done = recover_in_place(
@@ -83,7 +82,7 @@ def recover(
                 progress=advance,
             )
     else:
-        from ..recovery.recover import recover as run
+        from ..edit.recover import recover as run
 
         refuse_target(target, force)
         with progress("recovering") as advance:

@@ -28,17 +28,15 @@ from .common import (
     stop_option,
     tell_some,
 )
-from .help import Verb
-from .screen import complain, printable, say
-from .tables import table
+from .screen import Verb, complain, printable, say, table
 
 if TYPE_CHECKING:
     from ..limits import Limits
     from ..reading.reader import Reader
-    from ..replay.frames import Frame, Sink
-    from ..replay.process.player import Status
+    from ..replay.frames import Frame, FrameSink
+    from ..replay.process.player import PlayerStatus
     from ..replay.process.report import ReplayReport
-    from ..replay.profile.model import Profile, Report
+    from ..replay.profile.model import HidReport, Profile
     from ..replay.render import Renderer
     from ..replay.sinks.record import RecordSink
 
@@ -299,8 +297,10 @@ def recording(
     return RecordSink(target, profile, metadata=told, force=force, canonical=canonical)
 
 
-def rehearsed(renderer: Renderer, gain: float, record: Sink | None, as_json: bool) -> ReplayReport:
-    from ..replay.process.virtual import rehearse
+def rehearsed(
+    renderer: Renderer, gain: float, record: FrameSink | None, as_json: bool
+) -> ReplayReport:
+    from ..replay.process.loop import rehearse
     from ..replay.sinks.dry import DryRunSink
 
     if record is None:
@@ -322,7 +322,7 @@ class Meter:
     def open(self) -> None:
         """Nothing is kept open."""
 
-    def send(self, frame: Frame, reports: tuple[Report, ...]) -> None:  # noqa: ARG002
+    def send(self, frame: Frame, reports: tuple[HidReport, ...]) -> None:  # noqa: ARG002
         if frame.number % METERED == 0:
             self.advance(min(frame.number, self.total), self.total)
 
@@ -334,13 +334,13 @@ def performed(
     renderer: Renderer,
     sink_config: dict[str, Any],
     gain: float,
-    record: Sink | None,
+    record: FrameSink | None,
     watchdog: bool,
 ) -> ReplayReport:
-    from ..replay.process.keys import Keys
+    from ..replay.process.keys import TerminalKeys
     from ..replay.process.player import play
 
-    with ReplayStatus() as line, Keys() as keys:
+    with ReplayStatus() as line, TerminalKeys() as keys:
         return play(
             renderer,
             renderer.profile,
@@ -354,7 +354,7 @@ def performed(
 
 
 class ReplayStatus(screen.StatusLine):
-    def tell(self, status: Status) -> None:
+    def tell(self, status: PlayerStatus) -> None:
         self.show(
             f"{status.state} {status.position_s:.1f} s, {status.sent} frames, "
             f"{status.skipped} skipped, at most {status.max_late_us:.0f} us late"

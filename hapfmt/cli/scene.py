@@ -21,14 +21,12 @@ from .common import (
     save_recording,
     suffix_of,
 )
-from .help import Verb
-from .screen import document, note, say
-from .tables import table
+from .screen import Verb, document, note, say, table
 
 if TYPE_CHECKING:
+    from ..lab.scenes.description import Scene
+    from ..lab.scenes.work import Work
     from ..recording import Recording
-    from ..scenes.description import Scene
-    from ..scenes.work import Work
 
 INTEGRATORS = ("explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4", "exact")
 
@@ -93,7 +91,7 @@ def scene(
     hapfmt scene grasp hand.hapf --without ring --without little
     hapfmt scene sand --show > mine.toml
     """
-    from ..scenes.library import load_scene, scene_text
+    from ..lab.scenes.library import load_scene, scene_text
 
     if as_list or name is None:
         if show or target is not None:
@@ -112,8 +110,8 @@ def scene(
 
 def refuse_early(target: str, force: bool, preset: str | None) -> str:
     """The suffix of the target, before any work is done for nothing."""
-    from ..atomic import refuse
     from ..convert import FORMATS
+    from ..files import refuse
 
     kind = suffix_of(target, None, HAPF)
     if kind != HAPF and kind not in FORMATS:
@@ -129,7 +127,7 @@ def refuse_early(target: str, force: bool, preset: str | None) -> str:
 def write_scene(
     asked: Scene, target: str, kind: str, preset: str | None, force: bool, as_json: bool
 ) -> int:
-    from ..scenes.build import simulate
+    from ..lab.scenes.build import simulate
 
     began = time.perf_counter()
     with progress("simulating") as advance:
@@ -171,7 +169,7 @@ def write_scene(
 def encode_to(recording: Recording, target: str, preset: str, force: bool) -> dict[str, Any]:
     """Writes the file; its size, and its tracks by their kind."""
     from ..encoder.settings import Settings, renamed
-    from ..writer import write
+    from ..writing.writer import write
 
     preset, implied = renamed(preset, {})
     settings = Settings.of(preset, **implied)
@@ -198,7 +196,7 @@ def in_words(work: Work) -> str:
 
 
 def list_scenes(as_json: bool) -> None:
-    from ..scenes.library import builtin_names, load_scene
+    from ..lab.scenes.library import builtin_names, load_scene
 
     found = [load_scene(each) for each in builtin_names()]
     if as_json:

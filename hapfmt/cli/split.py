@@ -10,16 +10,19 @@ import click
 from ..errors import ParameterError
 from .common import (
     FractionType,
+    canonical_option,
     echo_json,
     force_option,
     fraction,
     json_option,
     memory_option,
+    originals,
     progress,
     refuse_target,
+    show,
+    to_zero_option,
 )
-from .editing import canonical_option, originals, show, to_zero_option
-from .help import Verb
+from .screen import Verb
 
 if TYPE_CHECKING:
     from ..limits import Limits

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, cast
 import click
 
 from .common import (
+    canonical_option,
     force_option,
     input_of,
     json_option,
@@ -19,9 +20,10 @@ from .common import (
     refuse_target,
     start_option,
     stop_option,
+    tell,
+    to_zero_option,
 )
-from .editing import canonical_option, tell, to_zero_option
-from .help import Verb
+from .screen import Verb
 
 if TYPE_CHECKING:
     from ..edit import Edited

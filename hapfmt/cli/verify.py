@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..errors import DAMAGED, INTACT, VERDICTS
 from ..numbers import counted
-from ..verdict import DAMAGED, INTACT, VERDICTS
-from .bounds import amount, bound_text
 from .common import (
     echo_json,
     file_id_option,
@@ -26,14 +25,12 @@ from .common import (
     transpose_option,
     verbose_option,
 )
-from .help import Verb
-from .screen import complain, say
-from .tables import Column, table
+from .encode import amount, bound_text
+from .screen import Column, Verb, complain, say, table
 
 if TYPE_CHECKING:
-    from ..contract import ContractCheck
     from ..limits import Limits
-    from ..verifier import Report
+    from ..reading.verifier import ContractCheck, Report
 
 
 @click.command(cls=Verb)
@@ -70,7 +67,7 @@ def verify(
     hapfmt verify touch.hapf
     hapfmt verify touch.hapf --against original.npz
     """
-    from ..verifier import verify as check
+    from ..reading.verifier import verify as check
 
     refuse_transpose(transpose, (against,), input_format)
     original = None
@@ -93,7 +90,7 @@ def verify(
 
 
 def show(file: str, report: Report, *, verbose: bool) -> None:
-    from ..container.walk import Finding
+    from ..format.walk import Finding
 
     say(
         f"{file}: {verdict(report)}; {counted(report.packets, 'packet')}, "

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, TruncatedError
-from ..integers import build_svarint, build_varint, parse_svarint, parse_varint
 from ..kernels import compiled
 from ..limits import FRACTION_LIMIT, ZERO_LIMIT, Level
+from ..numbers import build_svarint, build_varint, parse_svarint, parse_varint
 
 UNIFORM, DEADBAND = 0, 1
 

@@ -1,10 +1,15 @@
 """KNOT: support points on a grid, joined by steps or lines, in varints (SPEC 9.1).
 
 knots_coded.py has their entropy coding.
+
+KNOT with entropy coding: gaps and differences of knots (SPEC 9.6).
+
+Rows of varints as NumPy arrays: the same numbers as hapfmt.numbers gives one by one.
 """
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,8 +19,79 @@ from numpy.typing import NDArray
 from ..errors import FormatError, TruncatedError
 from ..kernels import compiled
 from ..limits import Level
+from ..numbers import VARINT_SIZE, build_svarint, build_varint, parse_varint
+from .entropy import (
+    ERROR_BITS,
+    LENGTHS,
+    START_MOST,
+    Decoder,
+    Encoder,
+    Lengths,
+    Signs,
+    class_cost,
+    put_by_length,
+    put_integers,
+)
 from .grids import UNIT_GRID, LpcParameters, levels_of
-from .varints import build_varints, from_signed, parse_varints, to_signed
+from .predicted import FOUR_STATES, INDEX_LIMIT, NO_ROOM, SIGN_CONTEXTS, SIGNS, check_index
+
+
+def parse_varints(data: bytes, offset: int) -> NDArray[np.int64]:
+    """All varints in ``data``, which stands at ``offset``; CNV-002 checked."""
+    raw = np.frombuffer(data, np.uint8)
+    last = raw < 0x80
+    if raw.size and not last[-1]:
+        raise TruncatedError(
+            "the bytes end within a varint", requirement="CNV-002", offset=offset + raw.size
+        )
+    stops = np.flatnonzero(last) + 1
+    starts = np.concatenate(([0], stops[:-1])) if stops.size else stops
+    sizes = stops - starts
+    check(sizes > VARINT_SIZE, starts, offset, "varint of more than 8 bytes", "CNV-002")
+    check(
+        (sizes > 1) & (raw[stops - 1] == 0), starts, offset, "varint longer than needed", "CNV-002"
+    )
+    values = np.zeros(stops.size, np.int64)
+    for group in range(int(sizes.max(initial=0))):
+        has = sizes > group
+        values[has] |= (raw[starts[has] + group].astype(np.int64) & 0x7F) << (7 * group)
+    check(values >= 1 << 53, starts, offset, "varint of 2^53 or more", "CNV-002")
+    return values
+
+
+def check(
+    wrong: NDArray[np.bool_], starts: NDArray[np.int64], offset: int, message: str, rule: str
+) -> None:
+    if wrong.any():
+        at = int(starts[int(np.argmax(wrong))])
+        raise FormatError(message, requirement=rule, offset=offset + at)
+
+
+def build_varints(values: NDArray[np.int64]) -> bytes:
+    """Non-negative numbers below 2**53, in order."""
+    if compiled is not None:
+        room = np.empty(VARINT_SIZE * values.size, np.uint8)
+        return room[: compiled.build_varints(np.ascontiguousarray(values), room)].tobytes()
+    sizes = np.ones(values.size, np.int64)
+    for group in range(1, VARINT_SIZE):
+        sizes += values >= 1 << (7 * group)
+    starts = np.cumsum(sizes) - sizes
+    out = np.zeros(int(sizes.sum()), np.uint8)
+    for group in range(int(sizes.max(initial=0))):
+        has = sizes > group
+        more = (sizes[has] > group + 1).astype(np.int64) << 7
+        out[starts[has] + group] = (values[has] >> (7 * group)) & 0x7F | more
+    return out.tobytes()
+
+
+def to_signed(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """svarint numbers from varint numbers: 0, 1, 2, 3 are 0, -1, 1, -2."""
+    return (values >> 1) ^ -(values & 1)
+
+
+def from_signed(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    return (values << 1) ^ (values >> 63)
+
 
 Interpolation = Literal["hold", "linear"]
 FAR = 1 << 36
@@ -137,3 +213,232 @@ def check_ticks(
         raise FormatError(
             "the last line does not end at the packet's end", requirement="KNT-003", offset=offset
         )
+
+
+GAP_BITS = 24
+"""A gap of 2^24 ticks is the longest within a packet of any level."""
+
+BY_LENGTH = 64
+"""Of a row of numbers: their lengths are coded, with frequencies of their own."""
+
+NO_KNOTS = "ticks that do not ascend, or a gap beyond 2^24, or an index beyond 2^32"
+"""What an encoder must not ask for."""
+
+STATUS = {
+    2: ("RNG-003", "a magnitude of 2^34 or more"),
+    3: ("LPC-003", "index beyond the grid"),
+    4: ("RNG-001", "the coded bytes do not end with their packet"),
+    6: ("RNG-004", "a coding that is not defined"),
+    8: ("KTE-004", "more knots than the ticks left"),
+}
+"""What the compiled loop returns, as the readable one says it."""
+
+
+def encode_knots(
+    ticks: NDArray[np.int64], indices: NDArray[np.int64], interpolation: Interpolation
+) -> bytes:
+    """The packet: ticks [knots] with ticks[0] = 0, indices [knots, components].
+
+    Linear with more than one knot: the last tick is that of the packet.
+    """
+    head = b"".join(build_svarint(index) for index in indices[0].tolist())
+    further = ticks.size - 1
+    if not further:
+        return head
+    gaps = np.diff(ticks)
+    far = max(-int(indices.min()), int(indices.max())) > INDEX_LIMIT
+    if gaps.min() < 1 or gaps.max() > 1 << GAP_BITS or far:
+        raise ValueError(NO_KNOTS)
+    loop = encode_loop if compiled is None else encode_compiled
+    return head + build_varint(further) + loop(ticks, indices, interpolation)
+
+
+def encode_loop(
+    ticks: NDArray[np.int64], indices: NDArray[np.int64], interpolation: Interpolation
+) -> bytes:
+    """The coded bytes; kernels/ has the same in C."""
+    coder = Encoder()
+    gaps = (np.diff(ticks) - 1).tolist()
+    differences = np.diff(indices, axis=0).T.ravel().tolist()
+    signs = Signs.of(differences)
+    first = put_row(coder, gaps[:-1] if interpolation == "linear" else gaps, signs=False)
+    second = put_row(coder, differences, signs=not signs.pay)
+    if signs.pay:
+        signs.put(coder)
+    first[0] |= coder.many * FOUR_STATES
+    second[0] |= signs.pay * SIGNS
+    marks = signs.probabilities if signs.pay else b""
+    return bytes(first) + bytes(second) + marks + coder.finish()
+
+
+def put_row(coder: Encoder, numbers: list[int], *, signs: bool) -> bytearray:
+    """A section in the way that takes less; its coding without flags."""
+    lengths = Lengths.of(numbers)
+    if lengths.cost(numbers) < class_cost(numbers):
+        put_by_length(coder, numbers, lengths, signs=signs)
+        return bytearray([BY_LENGTH]) + lengths.build()
+    return bytearray(put_integers(coder, numbers, signs=signs))
+
+
+def encode_compiled(
+    ticks: NDArray[np.int64], indices: NDArray[np.int64], interpolation: Interpolation
+) -> bytes:
+    """``encode_loop``, in C; a packet that does not fit its buffer is written once more."""
+    assert compiled is not None
+    plain = np.ascontiguousarray(ticks), np.ascontiguousarray(indices)
+    size, status = 2 * (ticks.size + indices.size) + 64, NO_ROOM
+    while status == NO_ROOM:
+        out = bytearray(size)
+        status, size = compiled.coded_knots_encode(*plain, interpolation == "linear", out)
+    if status:
+        raise ValueError(NO_KNOTS)
+    return bytes(out[:size])
+
+
+def parse_start(
+    data: bytes, span: int, components: int, limit: int, offset: int
+) -> tuple[list[int], int, int]:
+    """Indices of the first knot, how many knots follow it, and where the coded bytes begin."""
+    position, row = 0, []
+    for _ in range(components):
+        number, position = parse_varint(data, position, offset)
+        row.append(number >> 1 if number % 2 == 0 else -(number >> 1) - 1)
+        check_index(row[-1], limit, offset)
+    if position == len(data):
+        return row, 0, position
+    further, coded = parse_varint(data, position, offset)
+    if not 0 < further < span:
+        raise FormatError(
+            "more knots than ticks, or none", requirement="KTE-002", offset=offset + position
+        )
+    return row, further, coded
+
+
+def decode_indices(
+    data: bytes, interpolation: Interpolation, span: int, components: int, limit: int, offset: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Ticks [knots], and indices [knots, components] of a magnitude of at most ``limit``."""
+    row, further, coded = parse_start(data, span, components, limit, offset)
+    if not further:
+        return np.zeros(1, np.int64), np.array([row], np.int64)
+    linear = interpolation == "linear"
+    gaps, differences, place = decode_numbers(
+        data[coded:], further, components, offset + coded, linear=linear
+    )
+    # 2^24 numbers below 2^34: their sums fit 64 bits.
+    ticks = np.zeros(further + 1, np.int64)
+    ticks[1 : 1 + len(gaps)] = gaps
+    ticks[1 : 1 + len(gaps)] += 1
+    np.cumsum(ticks, out=ticks)
+    if linear:
+        ticks[-1] = span - 1
+    rows = np.empty((further + 1, components), np.int64)
+    rows[0] = row
+    rows[1:] = np.frombuffer(differences, np.int64).reshape(components, further).T
+    np.cumsum(rows, axis=0, out=rows)
+    # Each of the knots that follow needs a tick too.
+    late = first_of(ticks >= np.arange(span - further, span + 1))
+    far = first_of(np.maximum(rows.max(axis=1), -rows.min(axis=1)) > limit)
+    if late <= min(far, further):
+        raise FormatError("more knots than the ticks left", requirement="KTE-004", offset=place)
+    if far <= further:
+        raise FormatError("index beyond the grid", requirement="LPC-003", offset=place)
+    return ticks, rows
+
+
+def first_of(wrong: NDArray[np.bool_]) -> int:
+    """The first place that is wrong; their number where none is."""
+    return int(wrong.argmax()) if wrong.any() else wrong.size
+
+
+def decode_numbers(
+    data: bytes, further: int, components: int, offset: int, *, linear: bool
+) -> tuple[array[int], array[int], int]:
+    """Gaps less 1, differences component by component, and where the coder ended."""
+    first, at = parse_row(data, 128 | SIGNS, offset)
+    second, stop = parse_row(data[at:], 128 | FOUR_STATES, offset)
+    start = at + stop
+    coder = Decoder(data[start:], offset + start, 4 if first.coding & FOUR_STATES else 1)
+    gaps = first.decode(coder, further - linear, signs=False)
+    differences = second.decode(coder, further * components, signs=not second.signs)
+    if second.signs:
+        differences = coder.signed(differences, second.signs)
+    coder.finish()
+    return gaps, differences, coder.place
+
+
+@dataclass(frozen=True)
+class RowCoding:
+    """How a row of numbers is coded: by a class, or by their lengths; probabilities of signs."""
+
+    coding: int
+    start: int
+    lengths: Lengths | None
+    signs: bytes
+
+    def decode(self, coder: Decoder, count: int, *, signs: bool) -> array[int]:
+        if self.lengths is None:
+            return coder.integers(count, self.coding & 15, self.start, signs=signs)
+        coder.section()
+        return array("q", (coder.by_length(self.lengths, signs=signs) for _ in range(count)))
+
+
+def parse_row(data: bytes, unused: int, offset: int) -> tuple[RowCoding, int]:
+    """And where it ends; ``unused``: bits that are 0."""
+    coding, start = data[:2].ljust(2, b"\xff")
+    lengths, stop = None, 2
+    wrong = coding & unused or start > START_MOST
+    if coding & BY_LENGTH:
+        lengths = Lengths.parse(data[1:])
+        stop = 1 + len(lengths.build()) if lengths else 0
+        most = lengths.first + len(lengths.weights) if lengths else LENGTHS
+        wrong = coding & (unused | 15) or most > ERROR_BITS + 1
+    marks = data[stop : stop + SIGN_CONTEXTS] if coding & SIGNS else b""
+    if wrong or not all(marks) or (coding & SIGNS and len(marks) < SIGN_CONTEXTS):
+        raise FormatError("a coding that is not defined", requirement="RNG-004", offset=offset)
+    return RowCoding(coding, start, lengths, marks), stop + len(marks)
+
+
+def decode_coded_knots(
+    data: bytes,
+    parameters: KnotParameters,
+    span: int,
+    components: int,
+    level: Level,
+    offset: int,
+) -> NDArray[np.int64]:
+    """The packet ``data``, which stands at ``offset``, as counts [span, components]."""
+    grid, bound = parameters.grid, level.count_bound
+    limit = grid.index_limit(bound)
+    ticks, rows = decode_indices(data, parameters.interpolation, span, components, limit, offset)
+    return interpolate(ticks, grid.counts(rows, bound), span, parameters.interpolation)
+
+
+def decode_coded_within(
+    data: bytes,
+    parameters: KnotParameters,
+    span: int,
+    components: int,
+    level: Level,
+    offset: int,
+    low: int,
+    high: int,
+) -> NDArray[np.int32]:
+    """``decode_coded_knots``, each count clamped to low ... high (DEC-001)."""
+    if compiled is None:
+        counts = decode_coded_knots(data, parameters, span, components, level, offset)
+        return np.clip(counts, low, high).astype(np.int32)
+    grid, bound = parameters.grid, level.count_bound
+    limit = grid.index_limit(bound)
+    row, further, coded = parse_start(data, span, components, limit, offset)
+    out = np.empty((span, components), np.int32)
+    status, taken = compiled.coded_knots_decode(
+        data[coded:], parameters.interpolation == "linear", further, limit, grid.step, grid.zero,
+        levels_of(grid, bound), low, high, np.array(row, np.int64),
+        np.zeros(2 * components, np.int64), out,
+    )  # fmt: skip
+    if status:
+        requirement, message = STATUS[status]
+        place = offset + coded + min(taken, len(data) - coded)
+        raise FormatError(message, requirement=requirement, offset=place)
+    return out

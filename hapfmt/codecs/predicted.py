@@ -1,4 +1,12 @@
-"""LPCR: indices of a grid, linear prediction, entropy coding (SPEC 9.5)."""
+"""LPCR: indices of a grid, linear prediction, entropy coding (SPEC 9.5).
+
+SPEC Annex C: reflection coefficients of LPCR, 32768 * sin(pi * k / 256) to nearest.
+
+Components of one LPCR packet that say something of a later one (SPEC 9.5).
+
+LPCR packets of several components, each of which may be predicted from those before it
+(SPEC 9.5).
+"""
 
 from __future__ import annotations
 
@@ -6,16 +14,81 @@ from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, TruncatedError
-from ..integers import build_svarint, parse_svarint, rdiv
 from ..kernels import compiled
+from ..limits import Level
+from ..numbers import build_svarint, build_varint, parse_svarint, parse_varint, rdiv
 from .entropy import OUT_OF_RANGE, START_MOST, Decoder, Encoder, Signs, put_bits, put_integers
-from .references import Reference, build_references, parse_references
-from .sine import SINES
+from .grids import UNIFORM, LpcParameters
+
+SINES = (
+    0, 402, 804, 1206, 1608, 2009, 2411, 2811,
+    3212, 3612, 4011, 4410, 4808, 5205, 5602, 5998,
+    6393, 6787, 7180, 7571, 7962, 8351, 8740, 9127,
+    9512, 9896, 10279, 10660, 11039, 11417, 11793, 12167,
+    12540, 12910, 13279, 13646, 14010, 14373, 14733, 15091,
+    15447, 15800, 16151, 16500, 16846, 17190, 17531, 17869,
+    18205, 18538, 18868, 19195, 19520, 19841, 20160, 20475,
+    20788, 21097, 21403, 21706, 22006, 22302, 22595, 22884,
+    23170, 23453, 23732, 24008, 24279, 24548, 24812, 25073,
+    25330, 25583, 25833, 26078, 26320, 26557, 26791, 27020,
+    27246, 27467, 27684, 27897, 28106, 28311, 28511, 28707,
+    28899, 29086, 29269, 29448, 29622, 29792, 29957, 30118,
+    30274, 30425, 30572, 30715, 30853, 30986, 31114, 31238,
+    31357, 31471, 31581, 31686, 31786, 31881, 31972, 32058,
+    32138, 32214, 32286, 32352, 32413, 32470, 32522, 32568,
+    32610, 32647, 32679, 32706, 32729, 32746, 32758, 32766,
+)  # fmt: skip
+"""K(k) for k = 0 ... 127; K(-k) = -K(k)."""
+
+
+REFERENCE_LIMIT = 8
+REFERENCE_SIZE = 4
+TAPS = (-1, 0, 1)
+"""Ticks of a reference beside the one that is decoded."""
+
+
+class Reference(NamedTuple):
+    """A component before this one, and 64 times what each of its ``TAPS`` counts for."""
+
+    component: int
+    weights: tuple[int, int, int]
+
+    def build(self) -> bytes:
+        return bytes([self.component, *(weight & 0xFF for weight in self.weights)])
+
+
+def build_references(references: tuple[Reference, ...]) -> bytes:
+    return bytes([len(references)]) + b"".join(each.build() for each in references)
+
+
+def parse_references(
+    data: bytes, position: int, place: int, offset: int
+) -> tuple[tuple[Reference, ...], int]:
+    """The references of the component at ``place``, and the position after them."""
+    count = data[position] if position < len(data) else 0
+    end = position + 1 + REFERENCE_SIZE * count
+    if end > len(data):
+        raise TruncatedError(
+            "the packet ends within its references", requirement="LPC-006", offset=offset + position
+        )
+    references = []
+    for at in range(position + 1, end, REFERENCE_SIZE):
+        weights = tuple(byte - 256 if byte > 127 else byte for byte in data[at + 1 : at + 4])
+        references.append(Reference(data[at], weights))  # type: ignore[arg-type]
+    components = [each.component for each in references]
+    rising = all(a < b for a, b in zip(components, [*components[1:], place], strict=False))
+    if not 1 <= count <= REFERENCE_LIMIT or not rising:
+        raise FormatError(
+            "references that are not defined", requirement="LPC-007", offset=offset + position
+        )
+    return tuple(references), end
+
 
 ORDER_LIMIT, DIFFERENCE_LIMIT = 32, 4
 REPEATS, CONSTANT, REFERENCES, UNUSED = 8, 16, 64, 160
@@ -324,3 +397,124 @@ def parse_coding(data: bytes, predictor: Predictor, offset: int) -> tuple[int, b
 def check_index(index: int, limit: int, offset: int) -> None:
     if abs(index) > limit:
         raise FormatError("index beyond the grid", requirement="LPC-003", offset=offset)
+
+
+Indices = NDArray[np.int64]
+
+BLOCK = 1 << 16
+"""Ticks whose counts are worked out at once: what that takes is little beside the counts."""
+
+WEIGHT_SHIFT = 6
+"""Weights are multiples of 2**-6."""
+
+
+def prediction_errors(indices: Indices, difference: int, c: list[int], base: int) -> Indices:
+    """What a predictor leaves of indices, whatever is coded of them."""
+    if compiled is not None:
+        plain, out = np.ascontiguousarray(indices), np.empty(indices.size, np.int64)
+        limit = max(abs(base), -int(plain.min()), int(plain.max()))
+        compiled.lpcr_errors(np.array(c, np.int32), difference, base, limit, plain, out)
+        return out
+    return errors_of(differences(indices - base, difference), c)
+
+
+def taps_of(indices: Indices, difference: int, c: list[int]) -> list[Indices]:
+    """d of SPEC 9.5 at each of the ``TAPS``, 0 outside the packet."""
+    d = prediction_errors(indices, difference, c, int(indices[0]))
+    around = np.concatenate(([0], d, [0]))
+    return [around[1 + tap : 1 + tap + d.size] for tap in TAPS]
+
+
+def cross_terms(predictor: Predictor, earlier: Sequence[Indices]) -> Indices | None:
+    """x of SPEC 9.5; None where nothing is referred to."""
+    if not predictor.references:
+        return None
+    c = predictor.coefficients or []
+    total = np.zeros(earlier[0].size, np.int64)
+    for component, weights in predictor.references:
+        taps = taps_of(earlier[component], predictor.difference, c)
+        for weight, tap in zip(weights, taps, strict=True):
+            if weight:
+                total += weight * tap
+    return (total + (1 << (WEIGHT_SHIFT - 1))) >> WEIGHT_SHIFT
+
+
+def split_components(data: bytes, count: int, offset: int) -> list[tuple[int, int]]:
+    """Where each component packet begins and ends."""
+    found = parts_of(data, count, offset)
+    if found is None:
+        raise FormatError(
+            "component packets larger than their packet", requirement="LPC-001", offset=offset
+        )
+    return found
+
+
+def parts_of(data: bytes, count: int, offset: int) -> list[tuple[int, int]] | None:
+    """Where parts begin and end whose sizes, but that of the last, stand before them; None where
+    they do not fit."""
+    sizes, position = [], 0
+    for _ in range(count - 1):
+        size, position = parse_varint(data, position, offset)
+        sizes.append(size)
+    if sum(sizes) > len(data) - position:
+        return None
+    ends = [position + sum(sizes[: place + 1]) for place in range(count - 1)] + [len(data)]
+    return list(zip([position, *ends], ends, strict=False))
+
+
+def join_components(packets: Sequence[bytes]) -> bytes:
+    return b"".join([*(build_varint(len(packet)) for packet in packets[:-1]), *packets])
+
+
+def encode_component(indices: Indices, predictor: Predictor, earlier: Sequence[Indices]) -> bytes:
+    """A component packet; ValueError as in ``encode_indices``."""
+    return encode_indices(indices, predictor, cross_terms(predictor, earlier))
+
+
+def decode_predicted(
+    data: bytes, parameters: LpcParameters, span: int, count: int, level: Level, offset: int
+) -> Indices:
+    """The packet ``data``, which stands at ``offset``, as counts [span, components]."""
+    limit = parameters.index_limit(level.count_bound)
+    out = np.empty((span, count), np.int64)
+    for place, indices in enumerate(decode_components(data, span, count, limit, offset)):
+        out[:, place] = parameters.counts(indices, level.count_bound)
+    return out
+
+
+def decode_components(data: bytes, span: int, count: int, limit: int, offset: int) -> list[Indices]:
+    """The indices of each component."""
+    if count == 1:
+        return [decode_indices(data, span, limit, offset)]
+    earlier: list[Indices] = []
+    for start, end in split_components(data, count, offset):
+        part, at = data[start:end], offset + start
+        predictor, constant, position = parse_header(part, at, len(earlier))
+        c = None if constant else predictor.coefficients
+        cross = None if c is None else cross_terms(predictor, earlier)
+        earlier.append(decode_body(part, predictor, constant, position, span, limit, at, cross))
+    return earlier
+
+
+def decode_within(
+    data: bytes,
+    parameters: LpcParameters,
+    span: int,
+    count: int,
+    level: Level,
+    offset: int,
+    low: int,
+    high: int,
+) -> NDArray[np.int32]:
+    """``decode_predicted``, clamped to the declared range (DEC-001)."""
+    bound = level.count_bound
+    rows = decode_components(data, span, count, parameters.index_limit(bound), offset)
+    out = np.empty((span, count), np.int32)
+    if compiled is not None and parameters.grid == UNIFORM and count == 1:
+        compiled.clamp_counts(rows[0], parameters.step, parameters.zero, low, high, out)
+        return out
+    for place, indices in enumerate(rows):
+        for first in range(0, span, BLOCK):
+            counts = parameters.counts(indices[first : first + BLOCK], bound)
+            out[first : first + BLOCK, place] = np.clip(counts, low, high)
+    return out

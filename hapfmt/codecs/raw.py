@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.deflate import inflate
-from ..container.layout import RAWB_PARAMETERS
-from ..container.track import WORD_SIZES
 from ..errors import FormatError, TruncatedError
+from ..format.deflate import inflate
+from ..format.layout import RAWB_PARAMETERS
+from ..format.track import WORD_SIZES
 
 STORED, DEFLATE = 0, 1
 COUNT_SIZES = (1, 2, 3, 4)

@@ -15,17 +15,16 @@ from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, cast
 
-from ..atomic import atomic_write
 from ..errors import HapfmtError, LimitError, ParameterError
+from ..files import atomic_write
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from fractions import Fraction
 
-    from ..arrays import Units
     from ..limits import Limits
     from ..reading.reader import Band
-    from ..recording import Channel, Rate, Recording, Seconds
+    from ..recording import Channel, Rate, Recording, Seconds, Units
 
 
 HAPF = ".hapf"
@@ -168,7 +167,7 @@ def _opened(file: str | os.PathLike[str] | bytes | BinaryIO) -> Iterator[BinaryI
         yield file
         return
     if isinstance(file, str) and ("://" in file or "::" in file):
-        from ..container.source import is_url, spooled_url
+        from ..format.source import is_url, spooled_url
 
         if is_url(file):
             if PurePosixPath(file).suffix.lower() not in FORMATS:
@@ -261,7 +260,7 @@ def save(
     where the file exists (unless ``force``) or the format cannot hold the samples; LimitError
     for larger gaps; MissingExtraError; OSError.
     """
-    from ..arrays import recording_of
+    from ..recording import recording_of
 
     max_memory = MAX_MEMORY if max_memory is None else max_memory
     path = _path_of(target)

@@ -16,10 +16,9 @@ from typing import IO, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import CHANNEL_LIMIT
 from ..errors import HapfmtError, LimitError, ParameterError
 from ..numbers import checked_rate, hertz
-from ..recording import Channel, Recording, extent
+from ..recording import CHANNEL_LIMIT, Channel, Recording, extent
 from ..units import to_ucum
 
 SLICE = 1 << 18

@@ -14,9 +14,9 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import unique
 from ..errors import LimitError, ParameterError
-from ..recording import Channel, Recording, Span, spans_at
+from ..recording import Channel, Recording, Span, spans_at, unique
+from ..times import TIME_UNITS, TickGrid, TimeStamps, seconds_of_date, time_name
 from ..units import split_name, to_ucum
 from .common import (
     CHANNEL_LIMIT,
@@ -28,7 +28,6 @@ from .common import (
     unit_of,
     with_notes,
 )
-from .times import TIME_UNITS, Grid, Stamps, seconds_of_date, time_name
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.A | re.I)
 _COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.A | re.I)
@@ -168,7 +167,7 @@ class _Table:
         )
         return Recording(channels, metadata=with_notes({}, notes), epoch_ns=grid.epoch_ns)
 
-    def _grid(self, rows: int, rate: Fraction | None) -> Grid:
+    def _grid(self, rows: int, rate: Fraction | None) -> TickGrid:
         if self._stamps is not None:
             if self._unit_missing and len(self._stamps) and self._stamps.first >= _MILLISECONDS:
                 raise ParameterError(
@@ -178,20 +177,20 @@ class _Table:
             return self._stamps.grid(rate)
         if rate is None:
             raise ParameterError("no first column 't [s]' and no rate; give one (--rate)")
-        return Grid(rate, np.arange(rows), ())
+        return TickGrid(rate, np.arange(rows), ())
 
     def _reader(self, lines: Iterable[str]) -> Iterator[list[str]]:
         return csv.reader(lines, delimiter=self._delimiter, skipinitialspace=True, strict=True)
 
-    def _time_column(self) -> Stamps | None:
+    def _time_column(self) -> TimeStamps | None:
         named = time_name(self._names[0])
         self._unit_missing = named is not None and named.unit is None
-        return None if named is None else Stamps(named.exponent)
+        return None if named is None else TimeStamps(named.exponent)
 
-    def _column_in_seconds(self) -> Stamps | None:
+    def _column_in_seconds(self) -> TimeStamps | None:
         """A first column of another name with a unit of time: times, if they rise in every row."""
         unit = split_name(self._names[0])[1]
-        return Stamps(TIME_UNITS[unit]) if unit in TIME_UNITS and len(self._names) > 1 else None
+        return TimeStamps(TIME_UNITS[unit]) if unit in TIME_UNITS and len(self._names) > 1 else None
 
     def _add_rising(self, cell: str) -> None:
         assert self._rising is not None
@@ -204,7 +203,7 @@ class _Table:
         except ValueError:
             self._rising = None
 
-    def _rising_grid(self, rate: Fraction | None, notes: list[str]) -> Grid | None:
+    def _rising_grid(self, rate: Fraction | None, notes: list[str]) -> TickGrid | None:
         if self._rising is None or len(self._rising) < 2:
             return None
         try:
@@ -296,7 +295,7 @@ class _Table:
             self._refuse(f"{cell[:40]!r} has a point where the table has decimal commas", column)
         return cell
 
-    def _add_time(self, stamps: Stamps, cell: str) -> None:
+    def _add_time(self, stamps: TimeStamps, cell: str) -> None:
         if not len(stamps):
             self._dates = seconds_of_date(cell) is not None
             if self._dates and not self._unit_missing:
@@ -322,7 +321,7 @@ class _Table:
 
 
 def _channel(
-    label: str, unit: str, column: NDArray[np.float64], grid: Grid, notes: list[str]
+    label: str, unit: str, column: NDArray[np.float64], grid: TickGrid, notes: list[str]
 ) -> Channel:
     known = ~np.isnan(column)
     return Channel(
@@ -344,7 +343,7 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
     header = [column_name(channel.label, channel.unit) for channel in recording.channels]
     parts, left_out = _parts(recording, max_memory)
     text = TextIOWrapper(stream, encoding="utf-8", newline="")
-    stamps = Stamps()
+    stamps = TimeStamps()
     try:
         text.write(",".join(["t [s]", *header]) + "\n")
         rows = csv.writer(text, lineterminator="\n")
@@ -436,7 +435,7 @@ def tick_times(first: int, stop: int, rate: Fraction) -> list[str]:
     return [f"{text[:-decimals]}.{text[-decimals:]}" for text in digits]
 
 
-def _told_by(stamps: Stamps, rate: Fraction, start: int) -> bool:
+def _told_by(stamps: TimeStamps, rate: Fraction, start: int) -> bool:
     try:
         grid = stamps.grid()
     except ParameterError:

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
-from ..arrays import upright
 from ..errors import LimitError, ParameterError
-from ..recording import Channel, Recording
+from ..recording import Channel, Recording, upright
 from .common import (
     CHANNEL_LIMIT,
     Dense,

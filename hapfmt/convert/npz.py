@@ -38,12 +38,12 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import unique
 from ..errors import LimitError, ParameterError
 from ..events import Event, channel_of
 from ..limits import TICK_LIMIT
 from ..numbers import checked_rate
-from ..recording import Channel, Recording, spans_at, spans_of
+from ..recording import Channel, Recording, spans_at, spans_of, unique
+from ..times import STEADY, TickGrid, TimeStamps, deviation_note
 from .common import (
     CHANNEL_LIMIT,
     Dense,
@@ -57,7 +57,6 @@ from .common import (
     with_notes,
 )
 from .npy import doubles_2d, memory_of, read_array, read_header, write_array, write_dense
-from .times import STEADY, Grid, Stamps, deviation_note
 
 _KEY = re.compile(
     r"(x|rate|rate_hz|channel_names|unit|lsb|start_tick|index|t)(__(?:0|[1-9][0-9]{0,4}))?"
@@ -363,10 +362,10 @@ def _times(archive: _Archive, ending: str) -> NDArray[np.float64] | None:
     return None
 
 
-def _grid(times: NDArray[np.float64], rate: Fraction | None, ticks: int) -> Grid:
+def _grid(times: NDArray[np.float64], rate: Fraction | None, ticks: int) -> TickGrid:
     if len(times) != ticks:
         raise ParameterError(f"{len(times)} times for {ticks} samples; give the rate (--rate)")
-    stamps = Stamps()
+    stamps = TimeStamps()
     for time in times.tolist():
         try:
             stamps.add(repr(time))

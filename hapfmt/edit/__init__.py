@@ -8,16 +8,13 @@ edit.concat(["a.hapf", "b.hapf"], "both.hapf")
 
 from __future__ import annotations
 
-from .annotate import annotate
-from .attach import attach, attachment_of, extract
+from .additions import annotate, attach, attachment_of, extract, set_metadata
 from .concat import concat
+from .joining import Times
 from .making import Edited
 from .merge import merge
-from .meta import set_metadata
 from .original import Original
-from .split import split
-from .subset import subset
-from .times import Times
+from .subset import split, subset
 
 __all__ = [
     "Edited",

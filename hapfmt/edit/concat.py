@@ -8,28 +8,28 @@ from contextlib import ExitStack
 from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 
-from ..container.extras import build_metadata
-from ..container.wire import check_file_id
 from ..errors import ParameterError
+from ..format.extras import build_metadata
+from ..format.wire import check_file_id
 from ..numbers import exact
-from ..reading.seconds import Seconds
-from .clocks import Everything, differing_maps
-from .extras import combined
-from .joining import Joining
+from ..reading.packets import Seconds
+from .joining import Joining, Times, by_epoch, one_recording, period_of
 from .making import (
     Edited,
+    Everything,
     Making,
     Output,
     another,
+    combined,
+    differing_maps,
+    level_for,
     name_of,
     opened,
     refuse_output,
     with_note,
 )
 from .original import Advance, Input, Original, open_original
-from .plan import level_for
 from .subset import title
-from .times import Times, by_epoch, one_recording, period_of
 
 
 def concat(

@@ -1,5 +1,16 @@
 """An edited file in the making: descriptions, clusters and other chunks come over from originals,
-and what was kept and what was not is noted on the way."""
+and what was kept and what was not is noted on the way.
+
+What becomes of each track: its new id, channel numbers and description, and how far it moves.
+
+A slow part, or a residual, that becomes a channel of its own (SPEC TRK-012, EDT-006).
+
+Chunks of clocks whose tracks move in time (SPEC 6.10).
+
+Events whose channels get other numbers, or are left out (SPEC 9.9, EDT-003).
+
+The metadata of several files as one, with nothing lost.
+"""
 
 from __future__ import annotations
 
@@ -10,24 +21,153 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
-from ..atomic import atomic_write, refuse
-from ..container.cluster import Packet
-from ..container.filewriter import FileWriter
-from ..container.layout import HEAD
-from ..container.tlv import parse_tlvs
-from ..container.track import Track
-from ..container.wire import NO_TRACK, Head
-from ..errors import FormatError, ParameterError
-from ..limits import TICK_LIMIT, Level
-from ..numbers import counted
-from ..reading.digests import stored_digests
-from ..reading.seconds import Seconds
-from .clocks import TYPES, moved_clock
-from .original import NS, Advance, Original, has_channels
-from .plan import Place, Plan
-from .renumber import renumbered
+from ..codecs.events import build_events, parse_events
+from ..errors import FormatError, ParameterError, UnsupportedError
+from ..files import atomic_write, refuse
+from ..format.cluster import Packet
+from ..format.layout import HEAD
+from ..format.tlv import parse_tlvs
+from ..format.track import Affine, Contract, Track
+from ..format.wire import NO_TRACK, Head
+from ..limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
+from ..numbers import build_svarint, counted, parse_svarint, parse_varint
+from ..reading.packets import Seconds
+from ..reading.reader import stored_digests
+from ..writing.filewriter import FileWriter
+from .original import NS, Advance, Original, has_channels, ticks_of
+
+LAST_CHANNEL = 65_534
+
+
+class TrackPlace(NamedTuple):
+    """A track as the new file describes it, and the ticks that its packets move by."""
+
+    track: Track
+    shift: int = 0
+
+
+class EditPlan(NamedTuple):
+    """``places`` by the old track id, ``numbers`` by the old channel number; all tracks move by
+    ``shift`` seconds."""
+
+    places: dict[int, TrackPlace]
+    numbers: dict[int, int]
+    shift: Fraction = Fraction(0)
+
+
+def lay_out(
+    kept: Mapping[int, Track],
+    *,
+    first_track: int = 0,
+    first_channel: int = 0,
+    shift: Fraction = Fraction(0),
+) -> EditPlan:
+    """Tracks, by their old id and in the order of the file, get new ids and channel numbers in
+    the same order without holes; ``shift`` is in seconds."""
+    ids = {old: first_track + place for place, old in enumerate(kept)}
+    wanted = {n for track in kept.values() if has_channels(track) for n in track.channels}
+    numbers = {old: first_channel + place for place, old in enumerate(sorted(wanted))}
+    if (
+        max(ids.values(), default=0) > LAST_TRACK_ID
+        or max(numbers.values(), default=0) > LAST_CHANNEL
+    ):
+        raise ParameterError("more tracks or channels than a file can have, about 65 000")
+    before: dict[int, int] = {}
+    places = {}
+    for old in sorted(kept):
+        track = kept[old]
+        changes: dict[str, object] = {"id": ids[old]}
+        if track.kind != "events":
+            if track.first_channel not in numbers:
+                # Only a track that is not understood has a channel that its base has not.
+                raise UnsupportedError(
+                    f"Track {old} refers to channel {track.first_channel}, which is not copied",
+                    offset=track.offset,
+                )
+            changes["first_channel"] = numbers[track.first_channel]
+        if track.base is not None:
+            if track.base not in ids:
+                # Only a track that is not understood refers to one that does not belong to it.
+                raise UnsupportedError(
+                    f"Track {old} refers to track {track.base}, which is not copied",
+                    offset=track.offset,
+                )
+            changes["base"] = ids[track.base]
+        if has_channels(track):
+            # Tracks that share their channel numbers continue one another, in order of their ids.
+            if track.first_channel in before:
+                changes["continues"] = before[track.first_channel]
+            before[track.first_channel] = ids[old]
+        places[old] = TrackPlace(replace(track, **changes), ticks_of(shift, track.rate))  # type: ignore[arg-type]
+    return EditPlan({old: places[old] for old in kept}, numbers, shift)
+
+
+def level_for(tracks: Sequence[Track], *levels: Level, largest: int = 0) -> Level:
+    """The highest of ``levels``, or level 2 where a declared range, or the largest payload that is
+    no cluster, needs it."""
+    level = max(levels, key=lambda level: level.number, default=LEVELS[1])
+    low = largest <= level.payload_size and all(track.in_range_of(level) for track in tracks)
+    return level if low else LEVELS[2]
+
+
+TYPES = frozenset({"cLOk", "cMAp"})
+TICK_BOUND = 1 << 52
+
+
+class Everything:
+    """As a set: of all there is."""
+
+    def __contains__(self, _: object) -> bool:
+        return True
+
+
+def differing_maps(originals: Sequence[Original]) -> set[bytes]:
+    """Payloads of the maps that files, parts of one line of time, do not have in common."""
+    found = [
+        {
+            chunk.payload
+            for behind in (False, True)
+            for chunk in original.others(behind=behind)
+            if chunk.header.type == "cMAp" and chunk.header.known
+        }
+        for original in originals
+    ]
+    return found[0].union(*found) - found[0].intersection(*found)
+
+
+def moved_clock(payload: bytes, track: int, plan: EditPlan, offset: int) -> bytes | None:
+    """The payload of a clock chunk, of observations or a map, on the new time line: all its ticks
+    are counted from the first. None where no whole number of ticks, or no svarint, says that."""
+    place = plan.places.get(track)
+    ticks = Fraction(place.shift) if place else plan.shift * NS
+    if (track != NO_TRACK and place is None) or ticks.denominator != 1:
+        return None
+    if not ticks:
+        return payload
+    _, start = parse_varint(payload, 1 + payload[0] if payload else 0, offset)
+    tick, stop = parse_svarint(payload, start, offset)
+    tick += ticks.numerator
+    if not -TICK_BOUND < tick < TICK_BOUND:
+        return None
+    return payload[:start] + build_svarint(tick) + payload[stop:]
+
+
+def renumbered(packet: Packet, numbers: Mapping[int, int]) -> tuple[Packet | None, int]:
+    """The packet of events with new channel numbers, without those of channels that have none (None
+    where no event is left), and how many these were."""
+    events = parse_events(packet.data, packet.start, packet.span, packet.offset)
+    kept = [
+        event if event.channel is None else event._replace(channel=numbers[event.channel])
+        for event in events
+        if event.channel is None or event.channel in numbers
+    ]
+    lost = len(events) - len(kept)
+    if not kept:
+        return None, lost
+    return replace(packet, data=build_events(kept, packet.start)), lost
+
 
 Output = str | os.PathLike[str] | BinaryIO
 
@@ -100,7 +240,7 @@ class Making:
         if text not in self.edited.notes:
             self.edited.notes.append(text)
 
-    def describe(self, original: Original, plan: Plan) -> None:
+    def describe(self, original: Original, plan: EditPlan) -> None:
         for old, place in plan.places.items():
             lost = set(original.tracks[old].unknown) - set(place.track.unknown)
             if lost:
@@ -115,7 +255,7 @@ class Making:
         if metadata:
             self.out.metadata(dict(metadata))
 
-    def others(self, original: Original, plan: Plan, *, behind: bool) -> None:
+    def others(self, original: Original, plan: EditPlan, *, behind: bool) -> None:
         """Attachments, clocks and chunks of unknown types that are safe to copy; what an earlier
         file had too comes once."""
         for chunk in original.others(behind=behind):
@@ -148,7 +288,7 @@ class Making:
     def clusters(
         self,
         original: Original,
-        plan: Plan,
+        plan: EditPlan,
         start: Seconds | None = None,
         stop: Seconds | None = None,
         *,
@@ -180,7 +320,7 @@ class Making:
                 yield batch
 
     def moved(
-        self, packet: Packet, place: Place, numbers: Mapping[int, int] | None
+        self, packet: Packet, place: TrackPlace, numbers: Mapping[int, int] | None
     ) -> Packet | None:
         """At its place; ``numbers``: new channel numbers for its events, None: they stay."""
         kept: Packet | None = packet
@@ -236,7 +376,7 @@ class Making:
             )
         self.stops[line] = packet.stop
 
-    def digests(self, original: Original, plan: Plan) -> None:
+    def digests(self, original: Original, plan: EditPlan) -> None:
         """Those that still hold: of tracks whose packets all came over, at their own time."""
         known = stored_digests(original.catalogue)
         partial, last = self.partial.get(original, set()), self.last.get(original, {})
@@ -309,3 +449,66 @@ def with_note(metadata: Mapping[str, Any], text: str) -> dict[str, Any]:
     notes = metadata.get("notes", [])
     known = notes if isinstance(notes, list) else [notes]
     return {**metadata, "notes": [*known, text]}
+
+
+FLOOR_LIMIT = (1 << 32) - 1
+
+
+def reach_of(track: Track) -> int:
+    return max(abs(track.count_min), abs(track.count_max), 1)
+
+
+def slow_alone(track: Track, residual: Track) -> Track:
+    """The LF track in full band, its contract an aim: as far from the recording as the channel was,
+    and as its residual reaches."""
+    size = len(track.components)
+    known = residual.contract or Contract(0, 1, False, False, (0,) * size, (0,) * size)
+    floor = tuple(min(floor + reach_of(residual), FLOOR_LIMIT) for floor in known.floor)
+    return replace(
+        track, kind="full", unknown=(), contract=known._replace(guaranteed=False, floor=floor)
+    )
+
+
+def residual_alone(track: Track, residual: Track) -> Track:
+    """The HF track in full band, described as its base is; B of the calibration is 0 (DEC-005).
+
+    Nobody recorded it by itself: its contract is an aim.
+    """
+    components = tuple(
+        replace(c, calibration=Affine(c.calibration.a, 0, c.calibration.d))
+        for c in track.components
+    )
+    size = len(components)
+    floor = residual.contract.floor if residual.contract else (1,) * size
+    contract = Contract(0, 1, False, False, floor, (0,) * size)
+    return replace(
+        residual, kind="full", base=None, unknown=(), components=components, contract=contract
+    )
+
+
+def combined(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Members of all; one that differs from those of its name gets a number, as attachments do, and
+    notes follow one another."""
+    found: dict[str, Any] = {}
+    notes: list[Any] = []
+    for part in parts:
+        for name, value in part.items():
+            if name == "notes":
+                listed = value if isinstance(value, list) else [value]
+                notes += [note for note in listed if note not in notes]
+                continue
+            number, key = 1, name
+            while key in found and not same(found[key], value):
+                number += 1
+                key = f"{name} ({number})"
+            found[key] = value
+    return found | ({"notes": notes} if notes else {})
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equal as JSON: true is not 1."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(map(same, a, b))
+    return type(a) is type(b) and bool(a == b)

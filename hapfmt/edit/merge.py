@@ -9,26 +9,28 @@ from contextlib import ExitStack
 from dataclasses import replace
 from fractions import Fraction
 
-from ..container.cluster import Packet
-from ..container.extras import build_metadata
-from ..container.track import Component, Track
-from ..container.wire import check_file_id
 from ..errors import ParameterError
-from ..reading.seconds import Seconds
-from .extras import combined
+from ..format.cluster import Packet
+from ..format.extras import build_metadata
+from ..format.track import Component, Track
+from ..format.wire import check_file_id
+from ..reading.packets import Seconds
+from .joining import Times, common_line
 from .making import (
     Edited,
+    EditPlan,
     Making,
     Output,
+    combined,
+    lay_out,
+    level_for,
     name_of,
     opened,
     refuse_output,
     with_note,
 )
 from .original import Advance, Input, Original, has_channels, open_original
-from .plan import Plan, lay_out, level_for
 from .subset import title
-from .times import Times, common_line
 
 
 def merge(
@@ -91,8 +93,8 @@ def merge(
 
 def plans_of(
     originals: Sequence[Original], offsets: Sequence[Fraction], prefixes: Sequence[str]
-) -> list[Plan]:
-    plans: list[Plan] = []
+) -> list[EditPlan]:
+    plans: list[EditPlan] = []
     first_track = first_channel = 0
     for original, offset, prefix in zip(originals, offsets, prefixes, strict=True):
         kept = {id_: prefixed(track, prefix) for id_, track in original.tracks.items()}
@@ -114,7 +116,7 @@ def prefixed(track: Track, prefix: str) -> Track:
     return replace(track, components=tuple(map(named, track.components)))
 
 
-def collisions(plans: Sequence[Plan]) -> Iterator[str]:
+def collisions(plans: Sequence[EditPlan]) -> Iterator[str]:
     """Labels that more than one file has."""
     labels = Counter(
         label
@@ -134,7 +136,7 @@ def collisions(plans: Sequence[Plan]) -> Iterator[str]:
 def interleaved(
     making: Making,
     originals: Sequence[Original],
-    plans: Sequence[Plan],
+    plans: Sequence[EditPlan],
     progress: Advance | None,
 ) -> Iterator[list[Packet]]:
     """Clusters of all files in order of time, those of each file in its own order."""

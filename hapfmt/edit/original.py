@@ -10,25 +10,25 @@ from math import gcd, lcm
 from pathlib import Path
 from typing import BinaryIO
 
-from ..closing import Closing
-from ..container.cluster import Packet, parse_cluster
-from ..container.extras import Attachment
-from ..container.source import open_source
-from ..container.track import Track, lone_lf
-from ..container.walk import Chunk, header_at, read_chunk
-from ..container.wire import Head
 from ..errors import (
+    DAMAGED,
     ChecksumError,
     FormatError,
     HapfmtError,
     ParameterError,
     UnsupportedError,
 )
+from ..files import Closing
+from ..format.cluster import Packet, parse_cluster
+from ..format.extras import Attachment
+from ..format.source import open_source
+from ..format.track import Track, lone_lf
+from ..format.walk import Chunk, header_at, read_chunk
+from ..format.wire import Head
 from ..limits import Limits
 from ..reading.catalogue import Catalogue, ChunkRef, FalseIndexError
 from ..reading.opening import open_catalogue
-from ..reading.seconds import Seconds, overlapping
-from ..verdict import DAMAGED
+from ..reading.packets import Seconds, overlapping
 
 Input = str | os.PathLike[str] | bytes | BinaryIO
 Advance = Callable[[int, int], None]

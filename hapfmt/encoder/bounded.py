@@ -12,18 +12,16 @@ from fractions import Fraction
 from functools import partial
 
 from ..codecs.grids import LpcParameters
-from ..container.track import Contract, Track
 from ..deadband import Deadband
+from ..format.track import Contract, Track
 from ..recording import Channel, Span
-from .glitches import without_glitches
-from .grids import Indices, grid_within, nearest_level, nearest_uniform
+from .gridded import Indices, grid_within, nearest_level, nearest_uniform
+from .knots import Coded, fill_below
 from .lengths import fitting_packets
-from .packed import Coded, fill_below
-from .plan import Promise
-from .predict import encode_best, quick_estimate
-from .quick import encode_quick
+from .plan import Promise, without_glitches
+from .predict import encode_best, encode_quick, quick_estimate
 from .settings import counts_of
-from .source import Source
+from .source import InputBlock
 from .tubed import Way, code_held, code_held_levels, code_lines, vector_ways
 from .unit import STEP_LIMIT, Bound, Unit, bound_of
 
@@ -36,7 +34,7 @@ KNOT_WAYS = 3
 """The first of :func:`scalar_ways`."""
 
 
-def encode_lossless(source: Source, base: Track, *, fast: bool = False) -> Unit:
+def encode_lossless(source: InputBlock, base: Track, *, fast: bool = False) -> Unit:
     code = encode_quick if fast else partial(encode_best, thorough=False)
     coded = code_grid(source, base, LpcParameters(), nearest_uniform, code=code)
     assert coded
@@ -57,7 +55,7 @@ def error_of(channel: Channel, promise: Promise) -> int:
 
 
 def encode_bounded(
-    source: Source,
+    source: InputBlock,
     base: Track,
     promise: Promise,
     smallest: int | None = None,
@@ -87,7 +85,7 @@ def contract_for(band: Deadband) -> Contract:
     return Contract(band.kn, band.kd, band.vector, True, band.floor, band.zero)
 
 
-def scalar_ways(source: Source, bound: Bound) -> list[Way]:
+def scalar_ways(source: InputBlock, bound: Bound) -> list[Way]:
     """Of one channel; what is soon tried comes first."""
     step = min(bound.slack, STEP_LIMIT // 2 - 1)
     even, grid = LpcParameters(2 * step + 1), grid_within(bound)
@@ -109,7 +107,7 @@ def scalar_ways(source: Source, bound: Bound) -> list[Way]:
 
 
 def code_grid(
-    source: Source,
+    source: InputBlock,
     base: Track,
     grid: LpcParameters,
     to_indices: Callable[[Indices, LpcParameters], Indices],
@@ -148,6 +146,6 @@ def hopeless(pieces: Iterable[Indices], size: int) -> bool:
     return False
 
 
-def lossless_bits(source: Source) -> float:
+def lossless_bits(source: InputBlock) -> float:
     """Bits that the counts of one channel hardly stay below without loss."""
     return HOPE * sum(quick_estimate(rows[:, 0]) for _, rows in source.pieces(source.counts))

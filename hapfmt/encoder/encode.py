@@ -16,19 +16,19 @@ from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
-from ..container.cluster import Packet
-from ..container.track import Track
 from ..errors import FormatError, ParameterError
+from ..format.cluster import Packet
+from ..format.track import Track
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..reading.decoder import TrackDecoder
 from ..recording import Channel, Recording, Span
 from ..threads import in_order, thread_count
 from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
-from .check import largest_errors
-from .exact import encode_doubles
+from .exact import WORDS_REASON, encode_doubles, encode_words, words_size
 from .gridded import Gridded, fine_grid, on_grid, without_odd_values
-from .groups import group_units
+from .knots import Coded
 from .lattice import Lattice, sparse
+from .lengths import shorten
 from .linear import (
     COSTLY,
     RUN_LIMIT,
@@ -38,15 +38,20 @@ from .linear import (
     may_have_counts,
     stretches,
 )
-from .packed import Coded
 from .plan import Promise, promises_of, vector_promise
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import ALL, Settings
-from .shorter import shorten
-from .source import Source, cut, side_by_side
+from .source import InputBlock, cut, group_units, side_by_side
 from .texture import encode_textured
-from .unit import ENCODE_LEVEL, Unit, encode_constant, encode_paper, is_constant, whole_range
-from .words import WORDS_REASON, encode_words, words_size
+from .unit import (
+    ENCODE_LEVEL,
+    Unit,
+    encode_constant,
+    encode_paper,
+    is_constant,
+    largest_errors,
+    whole_range,
+)
 
 WORDS = {
     np.dtype(np.int64): "int64",
@@ -115,7 +120,7 @@ class Encoded:
 
 
 @dataclass(frozen=True)
-class Part:
+class PlacedUnit:
     """A unit, its first channel, and of each of its channels how it was put on a grid."""
 
     unit: Unit
@@ -128,7 +133,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Job:
+class EncodeJob:
     """What was asked, and the channels as they were recorded."""
 
     settings: Settings
@@ -166,7 +171,7 @@ def encode(
     calm = [without_odd_values(*pair) for pair in zip(recorded, promises, strict=True)]
     originals = [channel for channel, _ in calm]
     cluster = settings.cluster_of(recording)
-    job = Job(settings, originals, promises, cluster, threads)
+    job = EncodeJob(settings, originals, promises, cluster, threads)
     count = len(recording)
     done = progress or (lambda _done, _all: None)
     parts = list(encode_parts(job, 0, count, lambda done_now: done(done_now, count)))
@@ -187,8 +192,8 @@ def encode(
 
 
 def encode_parts(
-    job: Job, first: int, stop: int, done: Callable[[int], None] = lambda _done: None
-) -> Iterator[Part]:
+    job: EncodeJob, first: int, stop: int, done: Callable[[int], None] = lambda _done: None
+) -> Iterator[PlacedUnit]:
     """The channels first ... stop - 1, in their order."""
     settings = job.settings
     numbers = range(first, stop)
@@ -211,7 +216,7 @@ def encode_parts(
         steps.append(step_of(members, prepared[at].promise, settings))
         at += len(members)
 
-    def code(run: Run) -> list[Part]:
+    def code(run: Run) -> list[PlacedUnit]:
         members, links, at = run
         rows = [
             replace(each, channel=channel)
@@ -243,13 +248,15 @@ def as_recorded(channel: Channel) -> Channel:
     return replace(channel, stored=channel.exact, exact=None, calibration=None)
 
 
-def encode_members(members: list[Gridded], links: Links, first: int, job: Job) -> Iterator[Part]:
+def encode_members(
+    members: list[Gridded], links: Links, first: int, job: EncodeJob
+) -> Iterator[PlacedUnit]:
     """Units and their channels: together, or apart where links do not make them smaller."""
     if not links:
-        yield Part(encode_unit(members, first, job), first, members)
+        yield PlacedUnit(encode_unit(members, first, job), first, members)
         return
     apart = [
-        Part(encode_unit([each], first + place, job), first + place, [each])
+        PlacedUnit(encode_unit([each], first + place, job), first + place, [each])
         for place, each in enumerate(members)
     ]
     units = [part.unit for part in apart]
@@ -259,12 +266,12 @@ def encode_members(members: list[Gridded], links: Links, first: int, job: Job) -
     if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in units):
         joint.channels = tuple(channels)
         joint.least = sum(unit.least for unit in units)
-        yield Part(joint, first, members)
+        yield PlacedUnit(joint, first, members)
     else:
         yield from apart
 
 
-def with_relations(parts: list[Part], job: Job) -> Iterator[Part]:
+def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUnit]:
     """The parts, those in one track that hold doubles which are linear in each other."""
     for run in runs_of_doubles(parts, job):
         channels = [job.originals[part.first] for part in run]
@@ -283,12 +290,12 @@ def with_relations(parts: list[Part], job: Job) -> Iterator[Part]:
 
 
 def joined(
-    parts: list[Part],
+    parts: list[PlacedUnit],
     columns: list[NDArray[np.float64]],
     found: list[Relation],
     start: int,
-    job: Job,
-) -> list[Part]:
+    job: EncodeJob,
+) -> list[PlacedUnit]:
     """One part, where that is smaller. ``found``: counted from ``start`` places before."""
     first = parts[0].first
     members = [part.members[0] for part in parts]
@@ -308,12 +315,12 @@ def joined(
     if joint is None or joint.size >= (1 - SAVED) * apart:
         return parts
     joint.saved = apart - joint.size
-    return [Part(joint, first, members)]
+    return [PlacedUnit(joint, first, members)]
 
 
-def runs_of_doubles(parts: list[Part], job: Job) -> Iterator[list[Part]]:
+def runs_of_doubles(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[list[PlacedUnit]]:
     """All parts in their order; those side by side that one track of doubles might hold."""
-    run: list[Part] = []
+    run: list[PlacedUnit] = []
     for part in parts:
         channel = job.originals[part.first]
         fits = (
@@ -336,7 +343,9 @@ def runs_of_doubles(parts: list[Part], job: Job) -> Iterator[list[Part]]:
         yield run
 
 
-def with_lossless(parts: list[Part], job: Job, recorded: list[Channel]) -> list[Part]:
+def with_lossless(
+    parts: list[PlacedUnit], job: EncodeJob, recorded: list[Channel]
+) -> list[PlacedUnit]:
     """The parts, where they are larger than the same channels without loss these in their place."""
     small = sum(channel.stored.size for channel in recorded) <= SMALL
     lossless = replace(
@@ -345,7 +354,7 @@ def with_lossless(parts: list[Part], job: Job, recorded: list[Channel]) -> list[
         originals=recorded,
         promises=[Promise()] * len(recorded),
     )
-    rivals: list[Part] = []
+    rivals: list[PlacedUnit] = []
     doubtful = [small or may_lose(part) for part in parts]
     at = 0
     while at < len(parts):
@@ -362,7 +371,7 @@ def with_lossless(parts: list[Part], job: Job, recorded: list[Channel]) -> list[
     return list(smaller(parts, rivals))
 
 
-def in_place(part: Part, asked: list[Promise]) -> Part:
+def in_place(part: PlacedUnit, asked: list[Promise]) -> PlacedUnit:
     """A lossless part with the reason why it takes the place of what was asked for."""
     members = [
         replace(each, promise=promise if promise.lossless else Promise(why=SMALLER))
@@ -371,7 +380,7 @@ def in_place(part: Part, asked: list[Promise]) -> Part:
     return replace(part, unit=replace(part.unit, instead=True), members=members)
 
 
-def may_lose(part: Part) -> bool:
+def may_lose(part: PlacedUnit) -> bool:
     """Whether a lossless form may be smaller: what is lossless already is the smallest found."""
     if all(each.promise.lossless for each in part.members):
         return False
@@ -385,11 +394,11 @@ def cost(unit: Unit) -> int:
     return unit.size + ROW * packets + described + DESCRIPTION * (unit.residual is not None)
 
 
-def total_cost(parts: list[Part]) -> int:
+def total_cost(parts: list[PlacedUnit]) -> int:
     return sum(cost(part.unit) for part in parts)
 
 
-def smaller(parts: list[Part], rivals: list[Part]) -> Iterator[Part]:
+def smaller(parts: list[PlacedUnit], rivals: list[PlacedUnit]) -> Iterator[PlacedUnit]:
     """Stretch by stretch of channels that both cut alike, the smaller; of equal ones the rival."""
     at = place = 0
     while at < len(parts):
@@ -413,7 +422,7 @@ def smaller(parts: list[Part], rivals: list[Part]) -> Iterator[Part]:
 
 
 def decide(
-    part: Part, originals: list[Channel], notes: list[str], recording: Recording
+    part: PlacedUnit, originals: list[Channel], notes: list[str], recording: Recording
 ) -> Iterator[Decision]:
     """What is reported of each channel of a unit; the bytes of a vector in equal parts."""
     unit, count = part.unit, len(part.members)
@@ -451,7 +460,7 @@ def decide(
         )
 
 
-def encode_unit(members: list[Gridded], first_channel: int, job: Job) -> Unit:
+def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> Unit:
     """A channel, or the axes of a vector: the smallest way to keep the promise."""
     channels = [each.channel for each in members]
     channel = channels[0]
@@ -466,14 +475,18 @@ def encode_unit(members: list[Gridded], first_channel: int, job: Job) -> Unit:
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
-    source = Source(tuple(channels), counts, spans)
+    source = InputBlock(tuple(channels), counts, spans)
     unit = encode_source(source, members, original, first_channel, job)
     unit.channels = unit.channels or source.channels
     return unit
 
 
 def encode_source(
-    source: Source, members: list[Gridded], original: Channel, first_channel: int, job: Job
+    source: InputBlock,
+    members: list[Gridded],
+    original: Channel,
+    first_channel: int,
+    job: EncodeJob,
 ) -> Unit:
     """Channels of counts: the smallest way to keep the promise."""
     base = whole_range(source, first_channel)
@@ -517,7 +530,7 @@ def encode_source(
 
 def encode_within(
     member: Gridded,
-    source: Source,
+    source: InputBlock,
     base: Track,
     original: Channel,
     first_channel: int,
@@ -533,7 +546,7 @@ def encode_within(
     fine = fine_grid(original, promise)
     if not fine.fine or fine.channel.calibration is None:
         return unit
-    finer = Source((fine.channel,), fine.channel.stored[:, None], source.spans)
+    finer = InputBlock((fine.channel,), fine.channel.stored[:, None], source.spans)
     unit.least = lossless_bits(finer)
     base = whole_range(finer, first_channel)
     knots = encode_bounded(finer, base, promise, unit.size, knots_alone=True)

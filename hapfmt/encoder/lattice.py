@@ -3,6 +3,8 @@
 Most sensors are integers in disguise. What is found here is checked against
 ``Calibration.physical`` sample by sample: bit by bit where it is called exact, and otherwise
 against the tolerance that the caller declares.
+
+Lattices that values miss by little: how far, and which is the first near enough.
 """
 
 from __future__ import annotations
@@ -12,34 +14,74 @@ from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from fractions import Fraction
 from itertools import chain
-from math import inf
+from math import inf, nextafter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contract import nearest_counts
 from ..errors import ParameterError
 from ..limits import EXACT_LIMIT, SINGLE_MAX
+from ..reading.verifier import nearest_counts
 from ..recording import Calibration, Channel, Deviation
-from .common_step import Steps, near_steps
-from .glitches import without_glitches
-from .near import Near, first_near
+from .plan import without_glitches
 from .rational import (
     Placed,
     Ratio,
+    Steps,
     constant,
     decimal,
     dyadic,
     fitted,
     fitted_all,
     near,
+    near_steps,
     on_grid,
     place,
     shortest_fraction,
     small_denominator,
     stepped,
 )
-from .tolerance import Tolerance
+from .settings import Tolerance
+
+
+class Near(NamedTuple):
+    """A calibration, the counts of some values, and the most that one of them misses its count."""
+
+    calibration: Calibration
+    counts: NDArray[np.int64]
+    largest_deviation: float
+    how: str
+
+
+def first_near(
+    u: NDArray[np.float64], ratios: Iterator[Ratio | None], allowed: float, bits: int
+) -> Near | None:
+    """The first that keeps all of u within ``allowed``."""
+    for ratio in ratios:
+        placed = None if ratio is None else place(ratio, bits)
+        if placed is None:
+            continue
+        largest = largest_deviation(u, placed.calibration.physical(placed.counts))
+        if largest <= allowed:
+            return Near(placed.calibration, placed.counts, largest, placed.how)
+    return None
+
+
+def largest_deviation(u: NDArray[np.float64], given: NDArray[np.float64]) -> float:
+    """max |u - given|, rounded up to float64; both finite.
+
+    The difference as an unevaluated sum of two float64: D. E. Knuth, The Art of Computer
+    Programming 2, section 4.2.2, theorem B.
+    """
+    difference = u - given
+    back = difference - u
+    rest = (u - (difference - back)) - (given + back)
+    size = np.abs(difference)
+    worst = float(size.max())
+    above = rest * np.sign(difference) > 0
+    return nextafter(worst, inf) if above[size == worst].any() else worst
+
 
 __all__ = ["Lattice", "Tolerance", "find_lattice", "snap_to_lattice", "to_counts"]
 

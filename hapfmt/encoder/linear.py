@@ -15,15 +15,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..codecs.components import join_components
-from ..codecs.exact import ExactParameters, lacking_of
-from ..codecs.values import COEFFICIENT_LIMIT, LINEAR, Counts, Doubles, Term, ordered, predictions
-from ..container.cluster import Packet
-from ..integers import build_varint
+from ..codecs.exact import (
+    COEFFICIENT_LIMIT,
+    LINEAR,
+    Counts,
+    Doubles,
+    ExactParameters,
+    LinearTerm,
+    lacking_of,
+    ordered,
+    predictions,
+)
+from ..codecs.predicted import join_components
+from ..format.cluster import Packet
 from ..limits import EXACT_LIMIT
+from ..numbers import build_varint
 from ..recording import Calibration, Channel
 from .exact import Candidate, binary_grid, smallest_exact
-from .packed import Coded
+from .knots import Coded
 from .predict import encode_best
 from .source import cut, declared_range, make_track
 from .unit import Unit, decode_all
@@ -66,7 +75,7 @@ class Relation(NamedTuple):
     target: int
     source: int
     c0: float
-    terms: tuple[Term, ...]
+    terms: tuple[LinearTerm, ...]
     bits: float
 
 
@@ -230,7 +239,7 @@ def relations(
         if not all(abs(w) < COEFFICIENT_LIMIT for w in numbers):
             continue
         c0 = numbers[-1] if len(numbers) > len(keys) else 0.0
-        terms = tuple(Term(a, lag, w) for (a, lag), w in zip(keys, numbers, strict=False))
+        terms = tuple(LinearTerm(a, lag, w) for (a, lag), w in zip(keys, numbers, strict=False))
         v = predictions(y, c0, terms, columns)
         away = np.abs((ordered(y) - ordered(v)).astype(np.float64))
         yield Relation(target, source, c0, terms, float(np.log2(1 + 2 * away).mean()))

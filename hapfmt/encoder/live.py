@@ -4,37 +4,526 @@ Each block is coded as :mod:`encode` codes one packet of one channel. A track is
 block of its channel, and described before its first packet. Where a later block does not fit it, a
 track that continues it takes over. A block is at most as long as one cluster, so that a crash loses
 no more.
+
+What a recorder is told of a channel before its first sample.
+
+What is known of a channel before its first sample, and what the preset makes of it.
+
+The whole recording is not at hand: nothing here is relative to a range, and nothing is found in the
+samples but the grid of doubles (live_exact.py).
+
+Channels of doubles, block by block and bit for bit: counts and corrections, or words.
+
+A lattice is looked for in the first block, and stays. What leaves it takes longer corrections, and
+any binary64 number has one, since places are counted modulo 2^64 (SPEC 9.7).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from math import inf
+from fractions import Fraction
+from functools import cached_property, partial
+from math import inf, isfinite
 from operator import attrgetter
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.cluster import Packet
-from ..container.track import Track
+from ..codecs.exact import Counts, Doubles, ExactParameters, Lacking, ordered
+from ..codecs.grids import LpcParameters
+from ..codecs.raw import RawParameters, encode_raw
 from ..deadband import Deadband
 from ..errors import ParameterError
-from ..limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
-from ..live.inputs import Input
+from ..format.cluster import Packet
+from ..format.tlv import encode_text
+from ..format.track import Affine, Component, Contract, Track
+from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
+from ..numbers import exact
 from ..reading.decoder import TrackDecoder
-from ..recording import Span
-from .bounded import scalar_ways
-from .grids import nearest
-from .live_plan import Made, Plan, check_settings, plan_input
-from .packed import Coded
-from .predict import encode_best
-from .quick import encode_quick
-from .settings import Settings
-from .source import PACKET_SAMPLES, Source
-from .unit import ENCODE_LEVEL, Bound
+from ..reading.verifier import nearest_counts
+from ..recording import Calibration, Channel, Deviation, Span
+from .bounded import contract_for, scalar_ways
+from .exact import beside_counts, natural_candidate
+from .gridded import grid_within, nearest
+from .knots import Coded
+from .lattice import find_lattice, sparse
+from .plan import CLOCK_LABEL, Promise, absolute_threshold, bound_promise, quantity_of
+from .predict import encode_best, encode_quick
+from .rational import shortest_fraction
+from .settings import ALL, WEBER_LIMITS, Settings, Tolerance
+from .source import PACKET_SAMPLES, InputBlock, component_of
+from .unit import ENCODE_LEVEL, Bound, bound_of
+
+COUNT_BITS = range(2, 33)
+
+
+@dataclass(frozen=True)
+class Input:
+    """One channel to be recorded.
+
+    ``rate``: ticks per second, a positive Fraction. With a ``calibration`` integer counts of
+    ``bits`` signed bits come in. With an ``lsb``, the step in ``unit``, floats come in and are put
+    on its multiples: half of it is declared as deviation. With neither floats are kept bit for bit.
+    """
+
+    label: str
+    rate: Fraction
+    unit: str = "1"
+    quantity: str = ""
+    axis: str = ""
+    group: str = ""
+    body_site: str = ""
+    device: str = ""
+    calibration: Calibration | None = None
+    bits: int = 24
+    lsb: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rate", exact(self.rate))
+        for text in (self.label, self.unit, self.quantity, self.axis, self.group, self.body_site):
+            encode_text(text)
+        encode_text(self.device)
+        if self.rate <= 0:
+            raise ParameterError(f"the rate of {self.label!r} is positive")
+        if self.bits not in COUNT_BITS:
+            raise ParameterError(f"the counts of {self.label!r} have 2 to 32 bits")
+        if self.calibration is not None and self.lsb is not None:
+            raise ParameterError(f"{self.label!r} has a calibration or an lsb, not both")
+        if self.lsb is not None and not (isfinite(self.lsb) and self.lsb > 0):
+            raise ParameterError(f"the lsb of {self.label!r} is a positive number")
+
+    @property
+    def takes_counts(self) -> bool:
+        """Whether integer counts come in, else floats."""
+        return self.calibration is not None
+
+
+NEEDS_WHOLE = (
+    "{} needs the whole recording: its low-pass filter reaches into the future. Record with preset "
+    "lossless, near-lossless, or perceptual with --no-texture"
+)
+
+ROUNDING = Fraction(1, 1 << 17)
+"""A value's count is found in binary64: 32-bit counts may be off their middle by that part."""
+
+ONE_COUNT = Tolerance(1, "lsb")
+
+
+class Made(NamedTuple):
+    """Packets of a block, the track that they are for, its id open, and its least and its largest
+    count."""
+
+    track: Track
+    packets: list[Packet]
+    low: int = 0
+    high: int = 0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How one input is coded.
+
+    ``channel``: its description, without samples; ``low`` ... ``high``: the counts it may have;
+    ``bound``: what the promise allows, None where every bit is kept.
+    """
+
+    input: Input
+    channel: Channel
+    low: int
+    high: int
+    settings: Settings
+    promise: Promise
+    bound: Bound | None
+
+    @property
+    def calibration(self) -> Calibration:
+        assert self.channel.calibration is not None
+        return self.channel.calibration
+
+    @property
+    def component(self) -> Component:
+        return component_of(self.channel)
+
+    @property
+    def is_one_grid(self) -> bool:
+        """Whether there is one way to code it, whatever the samples are."""
+        felt = self.settings.preset == "perceptual" and self.bound is not None
+        return self.channel.calibration is not None and not felt
+
+    @property
+    def contract(self) -> Contract | None:
+        return contract_for(self.bound.band) if self.bound else None
+
+    @cached_property
+    def grid(self) -> LpcParameters:
+        """The grid that keeps the bound."""
+        return grid_within(self.bound) if self.bound else LpcParameters()
+
+    @property
+    def level(self) -> Level:
+        """The lowest level that holds any samples of the input."""
+        one = LEVELS[1]
+        wide = max(-self.low - 1, self.high) >> (one.count_bits - 1)
+        zero = self.grid.zero if self.grid.kn else 0
+        far = max(zero - self.low, self.high - zero) > one.count_bound
+        return LEVELS[2 if wide or far else 1]
+
+    def track(self, number: int, **given: Any) -> Track:
+        """A track of channel ``number``; its id is open."""
+        given = {"count_min": self.low, "count_max": self.high} | given
+        return Track(
+            id=-1,
+            kind="full",
+            rate=self.input.rate,
+            first_channel=number,
+            components=(self.component,),
+            **given,
+        )
+
+    def counts(self, values: NDArray[Any], channel: int, start: int) -> NDArray[np.int64]:
+        """What came in as counts within the declared range; nothing is clamped."""
+        given = self.input
+        if given.takes_counts:
+            if values.dtype.kind not in "iu":
+                raise ParameterError(
+                    f"channel {channel} ({given.label!r}) takes integer counts, not {values.dtype}"
+                )
+            outside = (values < self.low) | (values > self.high)
+            if outside.any():
+                raise self.outside_range(values, outside, channel, start)
+            return np.ascontiguousarray(values, np.int64)
+        x = floats(values, f"channel {channel} ({given.label!r})").astype(np.float64, copy=False)
+        low, high = (float(self.calibration.step) * end for end in (self.low, self.high))
+        outside = ~((x >= low) & (x <= high))
+        if outside.any():
+            raise self.outside_range(values, outside, channel, start)
+        return np.clip(nearest_counts(x, self.calibration), self.low, self.high)
+
+    def outside_range(
+        self, values: NDArray[Any], outside: NDArray[np.bool_], channel: int, start: int
+    ) -> ParameterError:
+        given, at = self.input, int(np.argmax(outside))
+        bits = f"the {given.bits} bits ({self.low} to {self.high})"
+        if given.takes_counts:
+            limits = f"the count {values[at]} is outside {bits} of the input: declare more of them"
+        else:
+            limits = f"{values[at]} is outside {bits} of steps of {given.lsb:g}: give a larger lsb"
+        return ParameterError(f"channel {channel} ({given.label!r}), tick {start + at}: {limits}")
+
+
+def floats(values: NDArray[Any], named: str) -> NDArray[Any]:
+    """float32 as it is, all else as the float64 that is the same number."""
+    if values.dtype == np.float32:
+        return np.ascontiguousarray(values)
+    if values.dtype.kind not in "iuf" or values.dtype.itemsize > 8:
+        raise ParameterError(f"{named} takes numbers of up to 64 bits, not {values.dtype}")
+    x = np.ascontiguousarray(values, np.float64)
+    if values.dtype.kind in "iu" and values.size and (np.abs(x) >= EXACT_LIMIT).any():
+        raise ParameterError(f"{named} has integers beyond 2^53: give it a calibration")
+    return x
+
+
+def check_settings(settings: Settings) -> None:
+    """ParameterError where a recording cannot be coded so while it grows."""
+    if settings.preset == "paper":
+        raise ParameterError(NEEDS_WHOLE.format("preset paper"))
+    if settings.preset == "perceptual" and settings.texture:
+        raise ParameterError(NEEDS_WHOLE.format("texture in preset perceptual"))
+    if settings.tolerance is not None:
+        raise ParameterError("while recording, an input states its lsb in place of a tolerance")
+    if settings.preset == "near-lossless" and settings.max_error.kind == "range":
+        raise ParameterError(relative("the largest error", "1lsb"))
+    if settings.felt == ALL and settings.deadband_floor.kind == "range":
+        raise ParameterError(relative("the floor", "0.01 (N) or 2lsb"))
+
+
+def relative(what: str, example: str) -> str:
+    return (
+        f"{what} is relative to the range of the samples, which is not known before the end: "
+        f"give an amount in the channel's unit or in steps, {example}"
+    )
+
+
+def plan_input(given: Input, settings: Settings) -> Plan:
+    """ParameterError where the input cannot be coded with the settings."""
+    if given.rate.numerator >> 32 or given.rate.denominator >> 32:
+        raise ParameterError(f"rate {given.rate} of channel {given.label!r} needs over 32 bits")
+    low, high = -(1 << (given.bits - 1)), (1 << (given.bits - 1)) - 1
+    calibration, deviation = given.calibration, None
+    if given.lsb is not None:
+        calibration = calibration_of(given, given.lsb)
+        half = float(abs(calibration.step) / 2 * (1 + ROUNDING))
+        deviation = Deviation(half, half)
+    if calibration is not None and not calibration.covers(low, high):
+        raise ParameterError(
+            f"{given.bits}-bit counts of channel {given.label!r} times A are above 2^53: "
+            "declare fewer bits, or a smaller A and B"
+        )
+    channel = Channel(
+        np.zeros(0, np.int64),
+        given.rate,
+        calibration=calibration,
+        label=given.label,
+        unit=given.unit,
+        quantity=given.quantity,
+        axis=given.axis,
+        group=given.group,
+        body_site=given.body_site,
+        device=given.device,
+        deviation=deviation,
+        lsb=given.lsb,
+    )
+    promise = live_promise(channel, settings)
+    bound = None if calibration is None else bound_for(channel, promise, settings)
+    return Plan(given, channel, low, high, settings, promise, bound)
+
+
+def calibration_of(given: Input, lsb: float) -> Calibration:
+    """The lsb as the simplest fraction that is the same double."""
+    step = shortest_fraction(lsb) if isfinite(lsb) else Fraction(0)
+    if not 0 < step.numerator < AFFINE_LIMIT or step.denominator >= EXACT_LIMIT:
+        raise ParameterError(
+            f"the lsb {lsb:g} of channel {given.label!r} is not a fraction of integers below 2^52: "
+            "use another unit"
+        )
+    return Calibration(step.numerator, 0, step.denominator)
+
+
+def live_promise(channel: Channel, settings: Settings) -> Promise:
+    """Preset perceptual, by what is known beforehand: felt quantities get their deadband, with a
+    floor of one count where none is given; all else is kept without loss, but for an absolute
+    error that the caller gave."""
+    if settings.preset == "lossless":
+        return Promise()
+    if settings.preset == "near-lossless":
+        return bound_promise(settings)
+    floor = settings.deadband_floor
+    if settings.felt == ALL:
+        return Promise(floor, settings.k)
+    quantity = quantity_of(channel)
+    named = channel.label in (settings.felt or ())
+    if quantity not in WEBER_LIMITS and not named:
+        clock = quantity == "time" or (not quantity and CLOCK_LABEL.search(channel.label))
+        if clock or settings.max_error.kind == "range":
+            return Promise()
+        return bound_promise(settings)
+    limit = WEBER_LIMITS.get(quantity)
+    k = settings.k if limit is None else min(settings.k, limit)
+    floor = absolute_threshold(channel, settings) or floor
+    return Promise(ONE_COUNT if floor.kind == "range" else floor, k)
+
+
+def bound_for(channel: Channel, promise: Promise, settings: Settings) -> Bound | None:
+    """None where nothing may be lost."""
+    if promise.floor is None:
+        return None
+    nothing = np.zeros((1, 1), np.int64)
+    bound = bound_of(InputBlock((channel,), nothing, (Span(0, 1),)), promise)
+    return None if settings.preset == "near-lossless" and not bound.slack else bound
+
+
+LEVEL_BITS = LEVELS[1].count_bits
+LOW, HIGH = -(1 << (LEVEL_BITS - 1)), (1 << (LEVEL_BITS - 1)) - 1
+
+HEADROOM, AT_REST = 32, Fraction(2)
+"""How many times the range of the first block the counts hold; and the range of nothing but 0."""
+
+POWERS, MIDDLE = range(15, -10, -1), 1 << 51
+"""Decimals of a step, and the numerator of the middle count: what calibrations hold (VAL-001)."""
+
+SEEN = 16
+"""So many distinct values tell a lattice; fewer only one of plain decimals or binary fractions."""
+
+PLAIN = 10**7
+"""A denominator of plain decimals, at most."""
+
+FAR = 1 << 53
+UNCODED = np.iinfo(np.int64).min
+"""The one correction that there is no code for."""
+
+NUMBERS: dict[str, np.dtype[Any]] = {
+    "binary32": np.dtype(np.float32),
+    "binary64": np.dtype(np.float64),
+}
+
+
+@dataclass(frozen=True)
+class LiveLattice:
+    """Counts of doubles from ``low`` to ``high``, and the rule that makes doubles of counts."""
+
+    calibration: Calibration
+    parameters: ExactParameters
+    low: int = LOW
+    high: int = HIGH
+
+    def nearest(self, x: Doubles) -> Counts:
+        """Counts of any size; 0 of what is no number."""
+        c = self.calibration
+        with np.errstate(all="ignore"):
+            guess = np.rint((x * float(c.d) - float(c.b)) / float(c.a))
+        return np.clip(np.where(np.isnan(guess), 0.0, guess), -FAR, FAR).astype(np.int64)
+
+    def lacking(self, x: Doubles) -> Lacking:
+        """Counts and corrections."""
+        affine = Affine(self.calibration.a, self.calibration.b, self.calibration.d)
+        counts = nearest = np.clip(self.nearest(x), self.low, self.high)
+        places = ordered(x)
+        for bit in range(LEVEL_BITS):
+            doubles = self.parameters.values(counts, affine)
+            with np.errstate(over="ignore"):
+                corrections = places - ordered(doubles)
+            uncoded = corrections == UNCODED
+            if not uncoded.any():
+                break
+            # Another count will do, whichever has a value of its own.
+            other = np.where(nearest + (1 << bit) <= self.high, nearest + (1 << bit), self.low)
+            counts = np.where(uncoded, other, counts)
+        else:
+            raise ParameterError("a double that no count of the track can be corrected to")
+        together = int(np.bitwise_or.reduce(corrections))
+        shift = max((together & -together).bit_length() - 1, 0)
+        return Lacking(counts, corrections >> shift, shift)
+
+
+def lattices(x: Doubles) -> list[LiveLattice]:
+    """What may serve the channel that begins with x: a natural lattice where x tells one, and a
+    grid of decimals."""
+    finite = x[np.isfinite(x)]
+    found = [decimal_grid(finite)]
+    distinct = np.unique(finite).size
+    if finite.size < x.size or distinct < 2:
+        return found
+    exact = find_lattice(x + 0.0)
+    if exact and (distinct >= SEEN or exact.calibration.d <= PLAIN):
+        found.append(LiveLattice(exact.calibration, ExactParameters()))
+        if not sparse(exact.counts):
+            # Nothing coarser lies under it.
+            return covering(found)
+    if distinct >= SEEN and (near := natural_candidate(x, exact)):
+        found.append(LiveLattice(near.calibration, near.parameters))
+    return covering(found)
+
+
+def covering(found: Sequence[LiveLattice]) -> list[LiveLattice]:
+    """Those that allow all counts."""
+    return [lattice for lattice in found if lattice.calibration.covers(LOW, HIGH)]
+
+
+def decimal_grid(x: Doubles) -> LiveLattice:
+    """Multiples of a power of ten, a range of many times that of x about its middle: no worse than
+    those of a power of two, and what turns out to be plain decimals later has no corrections."""
+    low, high = (float(x.min()), float(x.max())) if x.size else (0.0, 0.0)
+    half, middle = Fraction(high) / 2 - Fraction(low) / 2, Fraction(high) / 2 + Fraction(low) / 2
+    if not half:
+        half, middle = abs(middle), Fraction(0)
+    if abs(middle) < HEADROOM * half:
+        middle = Fraction(0)
+    reach = HEADROOM * (half or AT_REST)
+    for places in POWERS:
+        a, d = 10 ** max(-places, 0), 10 ** max(places, 0)
+        offset = round(middle * d / a) * a
+        if HIGH * a >= reach * d and abs(offset) < MIDDLE:
+            return LiveLattice(Calibration(a, offset, d), ExactParameters())
+    return LiveLattice(Calibration(a, 0, d), ExactParameters())
+
+
+class ExactEncoder:
+    """Counts and corrections: LPCX."""
+
+    def __init__(self, plan: Plan, number: int, lattice: LiveLattice) -> None:
+        self.named, self.lattice = f"channel {number} ({plan.input.label!r})", lattice
+        self.pack = encode_quick if plan.settings.fast else partial(encode_best, thorough=False)
+        channel = replace(plan.channel, calibration=lattice.calibration)
+        self.track = replace(plan, channel=channel).track(
+            number,
+            codec="LPCX",
+            parameters=lattice.parameters.build(),
+            count_min=lattice.low,
+            count_max=lattice.high,
+        )
+
+    def take(self, values: NDArray[Any], _start: int) -> Doubles:
+        return floats(values, self.named).astype(np.float64, copy=False)
+
+    def code(self, x: Doubles, start: int) -> Made:
+        lacking = self.lattice.lacking(x)
+        data = beside_counts(self.pack(lacking.counts), lacking)
+        low, high = int(lacking.counts.min()), int(lacking.counts.max())
+        return Made(self.track, [Packet(0, start, x.size, data)], low, high)
+
+
+class WordsEncoder:
+    """Words as they are: RAWB."""
+
+    def __init__(self, plan: Plan, number: int, number_format: str) -> None:
+        self.named = f"channel {number} ({plan.input.label!r})"
+        self.dtype = NUMBERS[number_format]
+        self.track = plan.track(
+            number,
+            codec="RAWB",
+            parameters=RawParameters(self.dtype.itemsize).build(),
+            number_format=number_format,
+            count_min=0,
+            count_max=0,
+        )
+
+    def take(self, values: NDArray[Any], start: int) -> NDArray[Any]:
+        x = floats(values, self.named)
+        words = x.astype(self.dtype, copy=False)
+        if words.dtype != x.dtype and words.dtype == np.float32:
+            same = words.astype(np.float64).view(np.int64) == x.view(np.int64)
+            if not same.all():
+                at = int(np.argmin(same))
+                raise ParameterError(
+                    f"{self.named}, tick {start + at}: {float(x[at])!r} is not a binary32 number, "
+                    "but the first values were"
+                )
+        return words
+
+    def code(self, words: NDArray[Any], start: int) -> Made:
+        data = encode_raw(words[:, None], self.dtype.itemsize)
+        return Made(self.track, [Packet(0, start, words.size, data)])
+
+
+def choose_exact(
+    plan: Plan, number: int, first: NDArray[Any], before: Track | None
+) -> ExactEncoder | WordsEncoder:
+    """The encoder whose packet of the first block is the smallest; ``before``: the track that it
+    continues, which leaves no choice."""
+    if before is not None:
+        return encoder_after(plan, number, before)
+    x = floats(first, f"channel {number} ({plan.input.label!r})")
+    words = WordsEncoder(plan, number, "binary32" if x.dtype == np.float32 else "binary64")
+    doubles = x.astype(np.float64, copy=False)
+    found: list[ExactEncoder | WordsEncoder] = [
+        ExactEncoder(plan, number, lattice) for lattice in lattices(doubles)
+    ]
+    if found and np.unique(doubles).size < SEEN:
+        # Little is known of the signal yet: counts can become small later, words cannot.
+        return found[-1]
+    found.append(words)
+    return min(found, key=lambda each: len(each.code(each.take(first, 0), 0).packets[0].data))
+
+
+def encoder_after(plan: Plan, number: int, before: Track) -> ExactEncoder | WordsEncoder:
+    if before.number_format in NUMBERS:
+        return WordsEncoder(plan, number, before.number_format)
+    if before.number_format != "counts":
+        raise ParameterError(
+            f"channel {number} ({plan.input.label!r}) cannot be continued by floats: the file has "
+            f"{before.number_format}"
+        )
+    parameters = ExactParameters()
+    if before.codec == "LPCX":
+        parameters = ExactParameters.parse(before.parameters, 0)
+    calibration = Calibration(*before.components[0].calibration)
+    if calibration.covers(LOW, HIGH):
+        return ExactEncoder(plan, number, LiveLattice(calibration, parameters))
+    lattice = LiveLattice(calibration, parameters, before.count_min, before.count_max)
+    return ExactEncoder(plan, number, lattice)
+
 
 FIRST, LAST = 2, 16
 """After 2 blocks all forms are tried once more; then after twice as many each time, up to 16."""
@@ -159,8 +648,6 @@ class LiveEncoder:
         if found is None:
             plan = plan_input(block.input, self.settings)
             if plan.channel.calibration is None:
-                from .live_exact import choose_exact
-
                 before = self.tracks.get(block.channel)
                 found = choose_exact(plan, block.channel, block.values, before)
             elif plan.is_one_grid:
@@ -231,7 +718,7 @@ class BoundedEncoder(GridEncoder):
 
     def code(self, x: NDArray[np.int64], start: int) -> Made:
         span = Span(start, start + x.size)
-        source = Source((self.plan.channel,), x[:, None], (span,))
+        source = InputBlock((self.plan.channel,), x[:, None], (span,))
         ways = [code for _, code in scalar_ways(source, self.bound)[self.ways]]
         found: Coded | None = None
         if self.left:

@@ -1,12 +1,23 @@
-"""What the caller asks of the encoder: a preset, and what departs from it."""
+"""What the caller asks of the encoder: a preset, and what departs from it.
+
+Amounts as the caller gives them: 0.01, 10mN, 2lsb, 0.1%.
+
+What people can feel: the psychophysical constants behind the encoder's defaults.
+
+They are opinions of this encoder, never part of the format: a file states the deadband that it was
+written with, and a reader checks that one. Preset perceptual takes Weber's law for quantities whose
+zero is nothing felt; where a zero is a matter of the frame, the scale or the amplifier, a fraction
+of the value means nothing, and only the absolute floor stays.
+"""
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil, inf
+from math import ceil, inf, isfinite
 from numbers import Real
 from typing import Any, Literal
 
@@ -14,8 +25,144 @@ from ..codecs.knots import INTERPOLATIONS, Interpolation
 from ..errors import ParameterError
 from ..numbers import exact
 from ..recording import Calibration, Recording
-from .perception import FORCE_WEBER, LF_CUTOFF_HZ
-from .tolerance import Tolerance
+from ..units import conversion, to_ucum
+
+# ASCII digits only: \d would take every digit of Unicode. Four digits of exponent are more than
+# float64 can use, and keep the text of the exponent short.
+_NUMBER = r"([0-9]+\.?[0-9]*|\.[0-9]+)(?:e([+-]?[0-9]{1,4}))?"
+_AMOUNT = re.compile(rf"\+?{_NUMBER}\s*(\S.{{0,99}})?", re.IGNORECASE | re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """An amount, positive and finite: a largest error, a threshold, a step.
+
+    ``value`` is absolute, in ``unit`` (a UCUM code; "" for the channel's own), in steps of
+    the sensor ("lsb"), or a fraction (0.0001 for 0.01 %) of the channel's largest minus its
+    smallest value ("range"), single samples far beyond all others left out.
+    """
+
+    value: float
+    kind: Literal["absolute", "lsb", "range"] = "absolute"
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("absolute", "lsb", "range"):
+            raise ParameterError(f"{self.kind!r} is not a kind of tolerance: absolute, lsb, range")
+        if not (isfinite(self.value) and self.value > 0):
+            raise ParameterError(
+                f"an amount is above 0 and finite, {self.value} is not; "
+                "to keep every bit, use preset lossless"
+            )
+
+    @classmethod
+    def parse(cls, text: str) -> Tolerance:
+        """ "1e-6" in the channel's unit, "10mN", "0.5lsb" in steps, "0.01%" of the channel's own
+        range."""
+        match = _AMOUNT.fullmatch(text.strip())
+        digits, exponent, suffix = match.groups() if match else ("", "", "")
+        suffix = (suffix or "").strip()
+        if match is None or not is_unit(suffix):
+            raise ParameterError(
+                f"{text!r} is not an amount: write a positive number in the channel's unit (1e-6), "
+                "with a unit (10mN), in steps of the sensor (0.5lsb), or in percent of the "
+                "channel's range (0.01%)"
+            )
+        if suffix == "%":
+            # Moved into the exponent, 0.07% is the double nearest to 0.0007; 0.07 / 100 is not.
+            return cls(float(f"{digits}e{int(exponent or 0) - 2}"), "range")
+        value = float(f"{digits}e{exponent or 0}")
+        if suffix.lower() == "lsb":
+            return cls(value, "lsb")
+        return cls(value, unit=to_ucum(suffix) if suffix else "")
+
+    def in_unit(self, unit: str) -> float:
+        """The value of an absolute amount in the unit of a channel."""
+        if not self.unit or self.unit == unit:
+            return self.value
+        factor = conversion(self.unit, unit)
+        if factor is None:
+            raise ParameterError(
+                f"an amount in {self.unit} does not fit a channel in {unit}; give a share of the "
+                "range (0.1%), or the amount in the channel's unit"
+            )
+        return float(Fraction(repr(self.value)) * factor)
+
+    def absolute(self, extent: float, step: float | None, unit: str = "") -> float | None:
+        """The tolerance in the channel's unit; None in lsb where no step is known.
+
+        extent: the channel's largest minus its smallest value. unit: the channel's.
+        """
+        if self.kind == "range":
+            return self.value * extent
+        if self.kind == "lsb":
+            return None if step is None else self.value * step
+        return self.in_unit(unit)
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text behind a number is a unit or one of the two other suffixes, or empty."""
+    if text in ("", "%") or text.lower() == "lsb":
+        return True
+    return not to_ucum(text).startswith("{")
+
+
+FORCE_WEBER = Fraction(1, 10)
+"""Just noticeable difference of a force, relative to that force.
+
+About 7 % for active fingers between 2.5 and 10 N: X. D. Pang, H. Z. Tan, N. I. Durlach, "Manual
+discrimination of force using active finger motion", Perception & Psychophysics 49, 1991. The
+deadband literature works with 7-10 %, and the fraction rises below 0.5 N; 10 % is the value of
+F. Brandi, R. Chaudhari, E. Steinbach, "Texture compensation for haptic feedback signal
+compression", VECIMS 2011, https://doi.org/10.1109/VECIMS.2011.6053837."""
+
+FORCE_FLOOR_N = Fraction(1, 100)
+"""Absolute floor of the force deadband in newtons: below the absolute threshold, which is tens of
+millinewtons. Measured on a force that decays to zero: 25 knots instead of 4667."""
+
+LF_CUTOFF_HZ = 20.0
+"""Where the quasi-static force ends and texture begins: the split of Brandi et al. 2011 (above).
+
+The rate of an encoded texture is flat within 5 % for cutoffs of 10-30 Hz (measured), so the value
+is not critical."""
+
+TEXTURE_DB = 20.0
+"""Quality of a texture: the power of what lies above the split frequency over that of the error.
+On recorded textures 20 dB take more bits than an ST-SIM of 0.95 does."""
+
+VELOCITY_WEBER = Fraction(8, 100)
+"""Just noticeable difference of limb movement, 8 %: L. A. Jones, I. W. Hunter, "Differential
+thresholds for limb movement measured using adaptive techniques", Perception & Psychophysics 52,
+1992, https://doi.org/10.3758/BF03206714. (A position has a fraction of 9 % there too, but of the
+movement made, not of a coordinate.)"""
+
+WEBER_LIMITS: dict[str, Fraction | None] = {
+    "force": None,
+    "torque": None,
+    "pressure": None,
+    "acceleration": None,
+    "velocity": VELOCITY_WEBER,
+}
+"""Quantities with a zero that is felt, and the largest Weber fraction each may be given (None: the
+caller's). Amplitudes of vibration are told apart from about 20 % on, above the 10 % of a force."""
+
+QUANTITY_OF_UNIT = {
+    **dict.fromkeys(("N", "mN", "uN", "kN", "gf", "kgf", "[lbf_av]"), "force"),
+    **dict.fromkeys(("N.m", "mN.m", "N.mm", "N.cm", "uN.m", "kN.m"), "torque"),
+    **dict.fromkeys(("Pa", "hPa", "kPa", "MPa", "bar", "mbar", "[psi]", "mm[Hg]"), "pressure"),
+    **dict.fromkeys(("m/s2", "mm/s2", "[g]", "m[g]", "rad/s2", "deg/s2"), "acceleration"),
+    **dict.fromkeys(("m/s", "mm/s", "cm/s", "rad/s", "deg/s", "{rev}/min"), "velocity"),
+    **dict.fromkeys(("m", "cm", "mm", "um", "rad", "mrad", "deg", "{rev}"), "position"),
+    **dict.fromkeys(("Cel", "K", "[degF]"), "temperature"),
+    **dict.fromkeys(("V", "mV", "uV"), "voltage"),
+    **dict.fromkeys(("A", "mA", "uA"), "current"),
+    **dict.fromkeys(("s", "ms", "us", "ns", "min", "h", "d"), "time"),
+}
+"""By UCUM code, where a channel does not name its quantity."""
+
+FORCE_FLOORS = {"N": FORCE_FLOOR_N, "mN": 1000 * FORCE_FLOOR_N, "kN": FORCE_FLOOR_N / 1000}
+"""FORCE_FLOOR_N in the units that forces are given in."""
+
 
 Preset = Literal["lossless", "near-lossless", "perceptual", "paper"]
 PRESETS: tuple[Preset, ...] = ("lossless", "near-lossless", "perceptual", "paper")

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ParameterError
-from .perception import LF_CUTOFF_HZ
+from .settings import LF_CUTOFF_HZ
 
 Filter = Literal["bessel4", "butter1"]
 

@@ -1,7 +1,7 @@
 """Channels whose texture is kept to a stated quality, and whose slow part keeps the deadband.
 
 The quality is the variance of the recorded signal above the split frequency over the mean squared
-error of all that is decoded, in dB (:func:`hapfmt.metrics.snr_hf_db`). Two ways are tried: the
+error of all that is decoded, in dB (:func:`hapfmt.lab.metrics.snr_hf_db`). Two ways are tried: the
 whole signal predicted on one uniform grid, and lines for the slow part with the rest predicted.
 
 Weber's fraction is a law of slow forces: a vibration far below it is felt. So only the absolute
@@ -21,20 +21,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
-from ..container.cluster import Packet
-from ..container.track import Component, Contract, Track
 from ..errors import ParameterError
-from ..integers import clamp
+from ..format.cluster import Packet
+from ..format.track import Component, Contract, Track
 from ..limits import EXACT_LIMIT, ZERO_LIMIT
+from ..numbers import clamp
 from ..recording import Calibration, Channel
 from .bounded import code_grid, encode_bounded, encode_lossless
-from .glitches import without_glitches
-from .grids import nearest_uniform
+from .gridded import nearest_uniform
+from .knots import Coded
 from .lattice import on_uniform_grid
-from .packed import Coded
-from .plan import Promise
+from .plan import Promise, without_glitches
 from .predict import encode_best
-from .source import Source, declared_range
+from .source import InputBlock, declared_range
 from .split import PADDING_PERIODS, slow_for_telling
 from .tubed import code_lines
 from .unit import (
@@ -66,7 +65,7 @@ NARROWER, TRIES = 0.8, 16
 
 
 @dataclass(frozen=True)
-class Felt:
+class FeltChannel:
     """One channel in its unit: samples, their slow part, and what the promise allows there."""
 
     x: Doubles
@@ -79,11 +78,11 @@ class Felt:
     mse: float
     """The largest mean squared error."""
 
-    source: Source
+    source: InputBlock
     cutoff_hz: float
 
     @classmethod
-    def of(cls, x: Doubles, source: Source, promise: Promise, cutoff_hz: float) -> Felt:
+    def of(cls, x: Doubles, source: InputBlock, promise: Promise, cutoff_hz: float) -> FeltChannel:
         assert promise.floor is not None and promise.snr is not None
         calm = without_glitches(x)  # one glitch of 1 kN would hide a texture of 30 mN
         slow = slow_of(calm, source, cutoff_hz)
@@ -131,7 +130,7 @@ class Felt:
         return low
 
 
-def slow_of(x: Doubles, source: Source, cutoff_hz: float) -> Doubles:
+def slow_of(x: Doubles, source: InputBlock, cutoff_hz: float) -> Doubles:
     """The slow part; no filter reaches over a gap. Stretch by stretch, with what the filter needs
     to settle on both sides."""
     rate, out = float(source.rate), np.empty_like(x)
@@ -146,11 +145,11 @@ def slow_of(x: Doubles, source: Source, cutoff_hz: float) -> Doubles:
 
 
 def encode_textured(
-    source: Source, original: Channel, first_channel: int, promise: Promise, cutoff_hz: float
+    source: InputBlock, original: Channel, first_channel: int, promise: Promise, cutoff_hz: float
 ) -> tuple[Unit, str]:
     """The smallest way found, and what is kept. source: one channel on a fine grid."""
     base = whole_range(source, first_channel)
-    felt = Felt.of(original.samples(), source, promise, cutoff_hz)
+    felt = FeltChannel.of(original.samples(), source, promise, cutoff_hz)
     quality = f"texture {promise.snr:g} dB"
     alone = encode_bounded(source, base, promise)
     assert alone
@@ -190,7 +189,7 @@ def steps_down(step: float) -> Iterator[float]:
 
 
 def encode_whole(
-    felt: Felt, original: Channel, first_channel: int, smallest: int | None
+    felt: FeltChannel, original: Channel, first_channel: int, smallest: int | None
 ) -> Unit | None:
     """The whole signal, predicted on the widest uniform grid that keeps the promise."""
     for step in steps_down(felt.widest_step(felt.x)):
@@ -202,7 +201,7 @@ def encode_whole(
         own = on_uniform_grid(original, step / 2)
         if own is None:
             return None
-        source = Source((own[0],), own[0].stored[:, None], felt.source.spans)
+        source = InputBlock((own[0],), own[0].stored[:, None], felt.source.spans)
         calibration = own[0].calibration
         assert calibration is not None
         if not felt.holds(calibration.physical(own[0].stored)):
@@ -217,7 +216,7 @@ def encode_whole(
 
 
 def whole_counts(
-    felt: Felt, original: Channel, first_channel: int, step: float, smallest: int | None
+    felt: FeltChannel, original: Channel, first_channel: int, step: float, smallest: int | None
 ) -> Unit | None:
     """Of a channel of counts: a step of whole counts, finer ones where the step is but a few."""
     calibration = original.calibration
@@ -233,7 +232,7 @@ def whole_counts(
             low, high = declared_range(finer.stored)
             if finer.calibration and finer.calibration.covers(low, high) and high < 1 << 31:
                 channel, counts = finer, counts * times
-    source = Source((channel,), channel.stored[:, None], felt.source.spans)
+    source = InputBlock((channel,), channel.stored[:, None], felt.source.spans)
     track = whole_range(source, first_channel)
     whole = min(int(counts), STEP_LIMIT)
     while whole > 1:
@@ -252,7 +251,9 @@ def whole_counts(
     return None
 
 
-def encode_split(felt: Felt, base: Track, promise: Promise, smallest: int | None) -> Unit | None:
+def encode_split(
+    felt: FeltChannel, base: Track, promise: Promise, smallest: int | None
+) -> Unit | None:
     """Lines for the slow part, and what they leave predicted on a uniform grid."""
     source, channel = felt.source, felt.source.channels[0]
     calibration = channel.calibration
@@ -288,7 +289,7 @@ def counts_nearest(x: Doubles, calibration: Calibration) -> NDArray[np.int64]:
 
 
 def with_predicted(
-    felt: Felt,
+    felt: FeltChannel,
     lines: Coded,
     levels: NDArray[np.int64],
     grid: LpcParameters,

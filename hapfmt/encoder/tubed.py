@@ -14,14 +14,12 @@ from fractions import Fraction
 import numpy as np
 
 from ..codecs.grids import LpcParameters
-from ..codecs.knots import KnotParameters
-from ..codecs.knots_coded import encode_knots
-from ..container.track import Track
+from ..codecs.knots import KnotParameters, encode_knots
 from ..deadband import Deadband
-from .grids import Indices, grid_within, levels_of, places
-from .knots import select_knots
-from .packed import Coded, fill_below, plain_knots
-from .source import Source
+from ..format.track import Track
+from .gridded import Indices, grid_within, levels_of, places
+from .knots import Coded, fill_below, plain_knots, select_knots
+from .source import InputBlock
 from .tube import COUNT_BOUND, fewest_hold, fewest_linear
 from .unit import Bound, code_steps
 from .vectors import held_grid, held_vectors, joined_grid, joined_vectors
@@ -58,7 +56,7 @@ def fewest_joined(x: Indices, grid: LpcParameters, bound: Bound) -> tuple[Indice
 
 
 def code_held_levels(
-    source: Source, base: Track, bound: Bound, smallest: int | None
+    source: InputBlock, base: Track, bound: Bound, smallest: int | None
 ) -> Coded | None:
     grid = grid_within(bound)
     parameters = KnotParameters("hold", grid, coded=True)
@@ -67,7 +65,7 @@ def code_held_levels(
     )
 
 
-def code_lines(source: Source, base: Track, bound: Bound, smallest: int | None) -> Coded | None:
+def code_lines(source: InputBlock, base: Track, bound: Bound, smallest: int | None) -> Coded | None:
     """None also where the deadband reaches beyond the largest count, and with it the grid may."""
     ends = np.array([source.counts.min(), source.counts.max()], np.int64)
     if max(np.abs(end).max() for end in tube_of(ends, bound)) > COUNT_BOUND:
@@ -84,7 +82,7 @@ def column(knots: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
 
 
 def code_with(
-    source: Source,
+    source: InputBlock,
     base: Track,
     parameters: KnotParameters,
     find: Callable[[Indices], tuple[Indices, Indices]],
@@ -101,7 +99,7 @@ def code_with(
     return fill_below(coded, packets, smallest)
 
 
-def code_held(source: Source, base: Track, bound: Bound) -> Coded:
+def code_held(source: InputBlock, base: Track, bound: Bound) -> Coded:
     """Packets of one channel in varints: where there are few knots, these are as short."""
 
     def find(rows: Indices) -> tuple[Indices, Indices]:
@@ -110,7 +108,7 @@ def code_held(source: Source, base: Track, bound: Bound) -> Coded:
     return code_plain(source, base, find)
 
 
-def vector_ways(source: Source, bound: Bound) -> list[Way]:
+def vector_ways(source: InputBlock, bound: Bound) -> list[Way]:
     def held(base: Track, _: int | None) -> Coded:
         if not bound.slack:
             # A floor below one count allows no error at all.
@@ -132,7 +130,9 @@ def vector_ways(source: Source, bound: Bound) -> list[Way]:
     return ways
 
 
-def code_points(source: Source, base: Track, bound: Bound, smallest: int | None) -> Coded | None:
+def code_points(
+    source: InputBlock, base: Track, bound: Bound, smallest: int | None
+) -> Coded | None:
     grid = held_grid(bound)
     parameters = KnotParameters("hold", grid, coded=True)
     return code_with(
@@ -140,7 +140,9 @@ def code_points(source: Source, base: Track, bound: Bound, smallest: int | None)
     )
 
 
-def code_joined(source: Source, base: Track, bound: Bound, smallest: int | None) -> Coded | None:
+def code_joined(
+    source: InputBlock, base: Track, bound: Bound, smallest: int | None
+) -> Coded | None:
     grid = joined_grid(bound)
     parameters = KnotParameters("linear", grid, coded=True)
     return code_with(
@@ -154,7 +156,7 @@ def vector_steps(rows: Indices, band: Deadband) -> tuple[Indices, Indices]:
 
 
 def code_plain(
-    source: Source, base: Track, find: Callable[[Indices], tuple[Indices, Indices]]
+    source: InputBlock, base: Track, find: Callable[[Indices], tuple[Indices, Indices]]
 ) -> Coded:
     """Packets in varints, held."""
     return plain_knots(

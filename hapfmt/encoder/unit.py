@@ -2,11 +2,15 @@
 
 The encoder is a client of the decoder: the residual is taken against what the decoder makes of the
 LF packets (SPEC WRT-003), so the two cannot drift apart.
+
+The alphabet and the codebook of a QUAN track: the smallest that all its levels fit.
+
+What the decoder makes of an encoder's packets, beside what was recorded.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil, isqrt
@@ -15,23 +19,103 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.knots import KnotParameters, build_knots
-from ..codecs.quantised import encode_quantised, quantise
+from ..codecs.quantised import (
+    ESCAPE_LIMIT,
+    RUN_LIMIT,
+    SYMBOL_LIMIT,
+    Alphabet,
+    QuanParameters,
+    bit_length,
+    build_codebook,
+    code_lengths,
+    encode_quantised,
+    quantise,
+)
 from ..codecs.raw import RawParameters, encode_raw
-from ..container.cluster import Packet
-from ..container.track import Component, Contract, Track
 from ..deadband import Deadband
 from ..errors import ParameterError
-from ..integers import clamp
+from ..format.cluster import Packet
+from ..format.track import Component, Contract, Track
 from ..limits import EXACT_LIMIT, FRACTION_LIMIT, LEVELS, ZERO_LIMIT
+from ..numbers import clamp
 from ..reading.decoder import TrackDecoder
 from ..recording import Calibration, Channel
-from .codebook import choose_codebook
-from .knots import knot_values, select_knots
-from .packed import Coded, Packing, plain_knots, smaller_knots
+from .knots import Coded, Packing, knot_values, plain_knots, select_knots, smaller_knots
 from .plan import Promise
 from .settings import PAPER_BITS, Settings, counts_of, whole_counts
-from .source import Source, declared_range, held_range, make_track
+from .source import InputBlock, declared_range, held_range, make_track
 from .split import low_pass
+
+NONE = np.zeros(0, np.int64)
+WIDE = 4
+"""Levels further apart than so many times their number are sorted, not counted in a table."""
+
+DIRECT_LEVELS = (0, 1, 2, 3, 5, 7, 11, 15, 23, 31, 47, 63, 127, 255, 511, 1023)
+"""Values of M that are tried: between them the size of a packet hardly changes (below 0.3 %)."""
+
+
+def choose_codebook(pieces: list[NDArray[np.int64]], step: int) -> QuanParameters:
+    """One table for all packets of a track: ``pieces`` are the levels [ticks, components] of each.
+
+    Tries several numbers M of direct levels and keeps the one with the fewest bits, table included.
+    """
+    columns = [piece.T.reshape(-1) for piece in pieces]
+    runs = zero_runs(columns)
+    run_classes = min(max(int(runs.max(initial=0)).bit_length() - 1, 0), RUN_LIMIT)
+    levels, counts = histogram(np.concatenate([NONE, *columns]))
+    levels, counts = levels[levels != 0], counts[levels != 0]
+    singles, run_counts = run_symbols(runs, run_classes)
+    largest = int(np.abs(levels).max(initial=0))
+    best: tuple[int, QuanParameters] | None = None
+    for direct in (*(m for m in DIRECT_LEVELS if m < largest), largest):
+        escape_classes = max(largest - direct, 0).bit_length()
+        alphabet = Alphabet(direct, run_classes, escape_classes)
+        if escape_classes > ESCAPE_LIMIT or alphabet.size > SYMBOL_LIMIT:
+            continue
+        frequencies = np.zeros(alphabet.size, np.int64)
+        np.add.at(frequencies, alphabet.level_symbols(levels)[0], counts)
+        frequencies[0] += singles
+        frequencies[alphabet.first_run : alphabet.first_escape] += run_counts
+        if not frequencies.any():
+            frequencies[0] = 1
+        lengths = code_lengths(frequencies)
+        bits = int((frequencies * (lengths + alphabet.extra_bits)).sum())
+        total = bits + 8 * len(build_codebook(lengths))
+        if best is None or total < best[0]:
+            best = total, QuanParameters(step, alphabet, lengths)
+        elif total > best[0] + best[0] // 8:
+            break
+    assert best is not None
+    return best[1]
+
+
+def histogram(levels: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The levels that occur, sorted, and how often."""
+    low, high = int(levels.min(initial=0)), int(levels.max(initial=0))
+    if high - low > WIDE * levels.size:
+        found, counts = np.unique(levels, return_counts=True)
+        return found, counts.astype(np.int64)
+    counts = np.bincount(levels - low, minlength=1).astype(np.int64)
+    present = np.flatnonzero(counts)
+    return present + low, counts[present]
+
+
+def zero_runs(columns: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Lengths of all runs of level 0; a run ends with its packet."""
+    fence = np.ones(1, np.int64)
+    joined = np.concatenate([fence, *(part for column in columns for part in (column, fence))])
+    edges = np.flatnonzero(np.diff((joined == 0).astype(np.int8)))
+    return edges[1::2] - edges[::2]
+
+
+def run_symbols(runs: NDArray[np.int64], classes: int) -> tuple[int, NDArray[np.int64]]:
+    """How many single zeros, and how many symbols of each run class, Alphabet.tokenise makes."""
+    longest = (2 << classes) - 1
+    whole, rest = runs // longest, runs % longest
+    by_class = np.bincount(bit_length(rest[rest > 0]) - 1, minlength=classes + 1)
+    by_class[classes] += whole.sum()
+    return int(by_class[0]), by_class[1:]
+
 
 ENCODE_LEVEL = LEVELS[2]
 """The bounds that hold for any track while the file's level is not decided yet."""
@@ -118,7 +202,7 @@ class Bound:
         return replace(self.band, kn=0, kd=1, floor=(width,) * len(self.band.zero))
 
 
-def bound_of(source: Source, promise: Promise) -> Bound:
+def bound_of(source: InputBlock, promise: Promise) -> Bound:
     """The deadband of the promise, in counts of this source."""
     assert promise.floor is not None
     calibrations = [c.calibration for c in source.channels if c.calibration]
@@ -198,7 +282,7 @@ def decode_all(coded: Coded, components: int) -> NDArray[np.int64]:
 
 
 def code_knots(
-    source: Source, slow: NDArray[np.int64], band: Deadband, settings: Settings, track: Track
+    source: InputBlock, slow: NDArray[np.int64], band: Deadband, settings: Settings, track: Track
 ) -> Coded:
     """Knots of ``slow`` [ticks, components]: the paper's rule, samples joined by lines."""
     hold = settings.interpolation == "hold"
@@ -210,7 +294,9 @@ def code_knots(
     return plain_knots(track, settings.interpolation, step, pieces)
 
 
-def code_steps(source: Source, bound: Bound, track: Track, pack: Packing = smaller_knots) -> Coded:
+def code_steps(
+    source: InputBlock, bound: Bound, track: Track, pack: Packing = smaller_knots
+) -> Coded:
     """The source itself, held, each sample within the slack of its knot."""
     pieces = []
     for span, rows in source.pieces(source.counts):
@@ -223,7 +309,9 @@ def code_steps(source: Source, bound: Bound, track: Track, pack: Packing = small
     return pack(track, "hold", 1, pieces)
 
 
-def code_residual(source: Source, residual: NDArray[np.int64], step: int, track: Track) -> Coded:
+def code_residual(
+    source: InputBlock, residual: NDArray[np.int64], step: int, track: Track
+) -> Coded:
     """QUAN packets of ``residual`` [ticks, components]."""
     levels = [(span, quantise(rows, step)) for span, rows in source.pieces(residual)]
     parameters = choose_codebook([piece for _, piece in levels], step)
@@ -234,7 +322,9 @@ def code_residual(source: Source, residual: NDArray[np.int64], step: int, track:
     return coded
 
 
-def residual_step(source: Source, residual: NDArray[np.int64], settings: Settings) -> int | None:
+def residual_step(
+    source: InputBlock, residual: NDArray[np.int64], settings: Settings
+) -> int | None:
     """Counts per level; None: no HF track.
 
     Explicit, or from the residual's range (the paper: 2**b - 1 levels).
@@ -252,7 +342,7 @@ def residual_step(source: Source, residual: NDArray[np.int64], settings: Setting
     return min(max(-(-largest // ((1 << (bits - 1)) - 1)), 1), STEP_LIMIT)
 
 
-def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
+def slow_part(source: InputBlock, settings: Settings) -> NDArray[np.int64]:
     """The low-passed counts, segment by segment: a gap is no signal."""
     out = np.zeros(source.counts.shape, np.int64)
     for rows in source.segments():
@@ -262,7 +352,7 @@ def slow_part(source: Source, settings: Settings) -> NDArray[np.int64]:
     return out
 
 
-def whole_range(source: Source, first_channel: int) -> Track:
+def whole_range(source: InputBlock, first_channel: int) -> Track:
     """The description of a track that holds the counts of the source."""
     x = source.counts
     low, high = declared_range(x)
@@ -273,16 +363,18 @@ def whole_range(source: Source, first_channel: int) -> Track:
     return make_track(source.channels, first_channel, codec="KNOT", count_min=low, count_max=high)
 
 
-def covered(source: Source, low: int, high: int) -> bool:
+def covered(source: InputBlock, low: int, high: int) -> bool:
     return all(c.calibration.covers(low, high) for c in source.channels if c.calibration)
 
 
-def is_constant(source: Source) -> bool:
+def is_constant(source: InputBlock) -> bool:
     x = source.counts
     return not len(x) or bool((x == x[0]).all())
 
 
-def encode_paper(source: Source, first_channel: int, promise: Promise, settings: Settings) -> Unit:
+def encode_paper(
+    source: InputBlock, first_channel: int, promise: Promise, settings: Settings
+) -> Unit:
     """Slow part as knots, fast part as quantised residual."""
     source = finer(source, settings)
     x = source.counts
@@ -305,7 +397,7 @@ def encode_paper(source: Source, first_channel: int, promise: Promise, settings:
     return unit
 
 
-def finer(source: Source, settings: Settings) -> Source:
+def finer(source: InputBlock, settings: Settings) -> InputBlock:
     """The same values in finer counts, where the paper's step would be few of them."""
     bits = PAPER_BITS if settings.bits is None else settings.bits
     if settings.step is not None or bits < FINER_BITS:
@@ -323,7 +415,7 @@ def finer(source: Source, settings: Settings) -> Source:
         if reach < COUNT_LIMIT and all(
             c.calibration.covers(low, high) for c in channels if c.calibration
         ):
-            return Source(channels, source.counts.astype(np.int64) * times, source.spans)
+            return InputBlock(channels, source.counts.astype(np.int64) * times, source.spans)
         times //= 2
     return source
 
@@ -336,7 +428,7 @@ def in_finer_counts(channel: Channel, times: int) -> Channel:
 
 
 def with_residual(
-    source: Source,
+    source: InputBlock,
     lf: Coded,
     residual: NDArray[np.int64],
     step: int,
@@ -365,7 +457,7 @@ def with_residual(
     return Unit(lf, hf, "knots + quantised", f"step {step} counts")
 
 
-def encode_constant(source: Source, base: Track) -> Unit:
+def encode_constant(source: InputBlock, base: Track) -> Unit:
     coded = Coded(replace(base, parameters=KnotParameters("hold").build()))
     for span, rows in source.pieces(source.counts):
         data = build_knots(np.zeros(1, np.int64), rows[:1])
@@ -373,7 +465,7 @@ def encode_constant(source: Source, base: Track) -> Unit:
     return Unit(coded, None, "knots", "constant" if source.spans else "no samples", exact=True)
 
 
-def encode_raw_counts(source: Source, base: Track, reason: str) -> Unit:
+def encode_raw_counts(source: InputBlock, base: Track, reason: str) -> Unit:
     """RAWB with as few bytes a count as the declared range needs."""
     bits = max(base.count_max.bit_length(), (-base.count_min - 1).bit_length()) + 1
     size = -(-bits // 8)
@@ -381,3 +473,57 @@ def encode_raw_counts(source: Source, base: Track, reason: str) -> Unit:
     for span, rows in source.pieces(source.counts):
         coded.packets.append(Packet(0, span.start, span.ticks, encode_raw(rows, size)))
     return Unit(coded, None, "raw", reason, exact=True)
+
+
+def decoded_pieces(unit: Unit) -> Iterator[NDArray[np.int64]]:
+    """Packet by packet the counts [ticks, components] of the full band."""
+    base = TrackDecoder(unit.base.track, ENCODE_LEVEL)
+    low, high = unit.base.track.count_min, unit.base.track.count_max
+    if unit.residual is None:
+        for packet in unit.base.packets:
+            yield base.decode(packet).astype(np.int64)
+        return
+    residual = TrackDecoder(unit.residual.track, ENCODE_LEVEL)
+    for slow, fast in zip(unit.base.packets, unit.residual.packets, strict=True):
+        counts = base.decode(slow).astype(np.int64) + residual.decode(fast)
+        yield np.clip(counts, low, high)
+
+
+def largest_errors(
+    unit: Unit, members: Sequence[Channel], originals: Sequence[Channel]
+) -> list[float]:
+    """Of each channel the largest distance of a decoded sample from the recorded one, in its
+    unit. AssertionError where a guaranteed contract is broken."""
+    if unit.exact:
+        # Counts that came as counts came back; of others the grid is all that was lost.
+        return [
+            0.0 if original.is_counts or member.deviation is None else member.deviation.largest
+            for member, original in zip(members, originals, strict=True)
+        ]
+    calibrations = [
+        Calibration(c.calibration.a, c.calibration.b, c.calibration.d)
+        for c in unit.base.track.components
+    ]
+    contract, band = (unit.residual or unit.base).track.contract, None
+    if contract and contract.guaranteed:
+        band = Deadband(contract.kn, contract.kd, contract.floor, contract.zero, contract.vector)
+    errors = [0.0] * len(members)
+    at = 0
+    for piece in decoded_pieces(unit):
+        rows = slice(at, at + len(piece))
+        at += len(piece)
+        if band is not None:
+            counts = np.column_stack([channel.stored[rows] for channel in members])
+            if band.outside(counts.astype(np.int64), piece).any():
+                raise AssertionError("an encoder that guarantees a bound left it")
+        for place, (original, calibration) in enumerate(zip(originals, calibrations, strict=True)):
+            away = np.abs(recorded(original, rows) - calibration.physical(piece[:, place]))
+            errors[place] = max(errors[place], float(away.max(initial=0.0)))
+    return errors
+
+
+def recorded(channel: Channel, rows: slice) -> NDArray[np.float64]:
+    """Some samples of a channel in its unit."""
+    if channel.calibration is not None:
+        return channel.calibration.physical(channel.stored[rows])
+    return np.asarray(channel.stored[rows], np.float64)

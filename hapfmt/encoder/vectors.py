@@ -23,7 +23,7 @@ from ..codecs.grids import LpcParameters
 from ..deadband import norm_sq
 from ..errors import ParameterError
 from ..kernels import compiled
-from .grids import Indices, Levels, levels_of, places
+from .gridded import Indices, Levels, levels_of, places
 from .tube import COUNT_BOUND, NO_VALUE, SHORT, SLACK, TRIES, Knot, Tube, Way, bounds
 from .unit import STEP_LIMIT, Bound
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Buffer: TypeAlias = "bytes | bytearray | NDArray[Any]"
 
 
-class Loop(Protocol):
+class CompiledLoop(Protocol):
     """(packet, coefficients int32, difference, repeats, base, limit, cross int64 or none,
     indices int64) -> (status, bytes of the packet read or written); the last argument, or for
     encoding the first, is filled.
@@ -262,9 +262,9 @@ class Kernels(Protocol):
     """What the extension module has."""
 
     @property
-    def lpcr_decode(self) -> Loop: ...
+    def lpcr_decode(self) -> CompiledLoop: ...
     @property
-    def lpcr_encode(self) -> Loop: ...
+    def lpcr_encode(self) -> CompiledLoop: ...
 
     def lpcr_errors(
         self,

@@ -1,4 +1,4 @@
-/* The values that knots may have, in ascending order; the readable twin is encoder/grids.py. */
+/* The values that knots may have, in ascending order; the readable twin is encoder/gridded.py. */
 #ifndef HAPFMT_GRID_H
 #define HAPFMT_GRID_H
 

@@ -1,5 +1,5 @@
 /* QUAN in C: levels to canonical Huffman code words with zero runs and escapes, and back. The
-   readable twins are hapfmt/codecs/huffman.py and quantised.py.
+   readable twins are hapfmt/codecs/quantised.py and quantised.py.
 
    The input of the decoder is hostile. Its codebook is checked here again; what breaks a rule in a
    packet is left to the twin, which says which one. Widths: extra bits, at most 33, follow a code

@@ -1,4 +1,4 @@
-/* The loops of entropy coded knots (SPEC 9.6); the readable twin is hapfmt/codecs/knots_coded.py.
+/* The loops of entropy coded knots (SPEC 9.6); the readable twin is hapfmt/codecs/knots.py.
 
    The decoder's input is hostile: an index is within ``limit`` <= 2^32 before it is used, a
    difference has at most 34 bits, a tick is below the span before anything is written. */

@@ -1,5 +1,5 @@
 /* All lines through a stretch of an integer tube at once; the readable twin is
-   hapfmt/encoder/sweep.py, and the widths are worked out in tube.py. */
+   hapfmt/encoder/tube.py, and the widths are worked out in tube.py. */
 #include "tube.h"
 #include <stdlib.h>
 

@@ -11,18 +11,24 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
-from ..container.clocks import ClockMap, ClockObservation, parse_clock, parse_map
-from ..container.cluster import parse_rows, parse_table_head
-from ..container.description import described_size, parse_description
-from ..container.extras import Attachment, parse_attachment, parse_metadata
-from ..container.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
-from ..container.source import Source
-from ..container.track import Contract, Track, TrackTable
-from ..container.walk import Chunk, Finding, header_at, read_chunk
-from ..container.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
-from ..errors import FormatError, TruncatedError, UnsupportedError
+from ..errors import HARMLESS, FormatError, TruncatedError, UnsupportedError, verdict_of
+from ..format.cluster import parse_rows, parse_table_head
+from ..format.description import described_size, parse_description
+from ..format.extras import (
+    Attachment,
+    ClockMap,
+    ClockObservation,
+    parse_attachment,
+    parse_clock,
+    parse_map,
+    parse_metadata,
+)
+from ..format.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
+from ..format.source import ByteSource
+from ..format.track import Contract, Track, TrackTable
+from ..format.walk import Chunk, Finding, header_at, read_chunk
+from ..format.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
 from ..limits import LEVELS, Level, Limits
-from ..verdict import HARMLESS, verdict_of
 
 T = TypeVar("T")
 COMPONENT_SIZE = 1 << 10
@@ -74,7 +80,7 @@ class ChunkRef(NamedTuple):
         return header
 
 
-class Part(NamedTuple):
+class TrackPair(NamedTuple):
     """A track that is not HF, and its HF track, if any."""
 
     track: Track
@@ -95,7 +101,7 @@ class ChannelRef:
 
     number: int
     index: int
-    parts: tuple[Part, ...]
+    parts: tuple[TrackPair, ...]
 
     @property
     def track(self) -> Track:
@@ -120,7 +126,7 @@ class ChannelRef:
 class Catalogue:
     """Descriptions and chunk places of one file; ``findings`` is empty where nothing is wrong."""
 
-    source: Source
+    source: ByteSource
     limits: Limits = field(default_factory=Limits)
     file_id: int | None = None
     """None where there is no chunk."""
@@ -187,11 +193,11 @@ class Catalogue:
         return sorted(found, key=lambda channel: channel.number)
 
     @property
-    def parts(self) -> list[tuple[Part, ...]]:
+    def parts(self) -> list[tuple[TrackPair, ...]]:
         """Tracks that continue one another together, each with its HF track."""
         residuals = {track.base: track for track in self.tracks.values() if track.kind == "hf"}
         return [
-            tuple(Part(track, residuals.get(track.id)) for track in chain)
+            tuple(TrackPair(track, residuals.get(track.id)) for track in chain)
             for chain in self.table.chains()
         ]
 

@@ -1,25 +1,29 @@
-"""One track: packets -> numbers, and their digest (SPEC clauses 9 and 10, 6.9)."""
+"""One track: packets -> numbers, and their digest (SPEC clauses 9 and 10, 6.9).
+
+Packets -> pieces: the numbers or events of one packet, cut to the ticks asked for.
+"""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs import components, knots, knots_coded, quantised
+from ..codecs import knots, predicted, quantised
 from ..codecs.events import CodedEvent, parse_events
 from ..codecs.exact import ExactParameters, decode_counts, decode_exact, parse_parameters
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
 from ..codecs.quantised import QuanParameters
 from ..codecs.raw import RawParameters, decode_raw
-from ..container.cluster import Packet
-from ..container.layout import COVERED_SPAN
-from ..container.track import Track, unsupported_track
 from ..errors import FormatError, HapfmtError, ParameterError
+from ..format.cluster import Packet
+from ..format.layout import COVERED_SPAN
+from ..format.track import Track, unsupported_track
 from ..limits import Level
 from ..recording import Span, append_span
 
@@ -128,13 +132,13 @@ class TrackDecoder:
                 return counts.astype(np.int32)
             if isinstance(parameters, KnotParameters):
                 coded = parameters.coded
-                within = knots_coded.decode_within if coded else knots.decode_within
+                within = knots.decode_coded_within if coded else knots.decode_within
                 return within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip
             if isinstance(parameters, LpcParameters):
-                return components.decode_within(
+                return predicted.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip
@@ -174,3 +178,55 @@ class TrackDigest:
             COVERED_SPAN.pack(start=span.start, ticks=span.ticks) for span in self.spans
         )
         return hashlib.sha256(self.numbers.digest() + coverage).digest()
+
+
+NOTHING = np.zeros((0, 1), np.int32)
+"""The numbers of a layer."""
+
+
+class DecodedPiece(NamedTuple):
+    """One decoded packet: numbers [ticks, components] from tick ``start`` on; exact: the source's
+    doubles, likewise, where they stand beside the counts and were asked for; events of a layer,
+    which has no numbers."""
+
+    track: Track
+    start: int
+    numbers: NDArray[Any]
+    exact: NDArray[np.float64] | None = None
+    events: Sequence[CodedEvent] = ()
+    offset: int = 0
+    """Of the packet in the file."""
+
+    @property
+    def digested(self) -> NDArray[Any]:
+        """The numbers that a digest is taken of (SPEC 6.9)."""
+        return self.numbers if self.exact is None else self.exact
+
+
+class PieceDecoder:
+    """Decodes packets of some tracks within ``ranges``, {id: (first tick, tick after the last)}."""
+
+    def __init__(
+        self,
+        decoders: Mapping[int, TrackDecoder],
+        ranges: Mapping[int, tuple[int, int]],
+        *,
+        exact: bool,
+    ) -> None:
+        self.decoders = decoders
+        self.ranges = ranges
+        self.exact = exact
+
+    def decode(self, packet: Packet) -> DecodedPiece:
+        decoder = self.decoders[packet.track]
+        first, last = self.ranges[packet.track]
+        if decoder.track.kind == "events":
+            events = [e for e in decoder.decode_events(packet) if first <= e.tick < last]
+            return DecodedPiece(decoder.track, packet.start, NOTHING, None, events, packet.offset)
+        numbers = decoder.decode(packet)
+        doubles = decoder.decode_exact(packet, numbers) if self.exact else None
+        a, b = max(first - packet.start, 0), min(last - packet.start, packet.span)
+        doubles = None if doubles is None else doubles[a:b]
+        return DecodedPiece(
+            decoder.track, packet.start + a, numbers[a:b], doubles, (), packet.offset
+        )

@@ -14,24 +14,21 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..closing import Closing
-from ..container.cluster import Packet, parse_cluster
-from ..container.index import FIRST_OFFSET
-from ..container.salvage import salvage_cluster
-from ..container.source import is_url, open_source
-from ..container.track import Track
-from ..container.walk import Chunk, Finding, header_at, read_chunk, walk
-from ..container.wire import SIGNATURE
 from ..errors import FormatError, ParameterError
+from ..files import Closing
+from ..format.cluster import Packet, parse_cluster, salvage_cluster
+from ..format.index import FIRST_OFFSET
+from ..format.source import is_url, open_source
+from ..format.track import Track
+from ..format.walk import Chunk, Finding, header_at, read_chunk, walk
+from ..format.wire import SIGNATURE
 from .catalogue import Catalogue, ChannelRef, FalseIndexError
 from .opening import learn_checkpoint, lose_chunk, no_signature
-from .packets import PacketPass
-from .seconds import Seconds, tick_range
+from .packets import PacketPass, Seconds, tick_range
 
 if TYPE_CHECKING:
-    from .assembly import Band
-    from .decoder import TrackDecoder
-    from .pieces import Piece
+    from .channels import Band
+    from .decoder import DecodedPiece, TrackDecoder
 
 INTERVAL = 0.2
 """Seconds between two looks at the file."""
@@ -213,13 +210,13 @@ class Follower(Closing):
         *,
         band: Band = "full",
         exact: bool = False,
-    ) -> Iterator[Piece]:
+    ) -> Iterator[DecodedPiece]:
         """Decoded packets as they come; ``start``: from this second on, None: what is new only.
 
         Channels that are not described yet, by label or number, are waited for; None: all, those
         too that come late, and events.
         """
-        wanted = Wanted(self, channels, band, exact, start)
+        wanted = WantedPackets(self, channels, band, exact, start)
         if start is None:
             for _ in self.poll():
                 pass
@@ -230,7 +227,7 @@ class Follower(Closing):
                 for packet in self.packets(chunk):
                     yield from wanted.decode(packet)
 
-    def past(self, wanted: Wanted, start: Seconds) -> Iterator[Piece]:
+    def past(self, wanted: WantedPackets, start: Seconds) -> Iterator[DecodedPiece]:
         """From the clusters that the index lists."""
         if self.last is None:
             return
@@ -259,7 +256,7 @@ class Follower(Closing):
                 yield item
 
 
-class Wanted:
+class WantedPackets:
     """Which packets are decoded, and how far each track has come."""
 
     def __init__(
@@ -281,7 +278,7 @@ class Wanted:
 
     def tracks(self) -> list[Track]:
         """As far as they are described."""
-        from .assembly import wanted_tracks
+        from .channels import wanted_tracks
 
         chosen = [
             ref
@@ -306,9 +303,9 @@ class Wanted:
                 self.decoders.setdefault(track.id, decoder)
                 self.ranges[track.id] = tick_range(track.rate, self.start, None)
 
-    def decode(self, packet: Packet) -> Iterator[Piece]:
+    def decode(self, packet: Packet) -> Iterator[DecodedPiece]:
         """The piece, unless it is not wanted or was delivered before."""
-        from .pieces import PieceDecoder
+        from .decoder import PieceDecoder
 
         self.refresh()
         if packet.track not in self.decoders:

@@ -1,23 +1,84 @@
-"""Opening a file: by its index, or by walking through it (SPEC 6.5 and clause 14)."""
+"""Opening a file: by its index, or by walking through it (SPEC 6.5 and clause 14).
+
+The chain of indexes (SPEC 6.5), and what else a writer that goes on must know of a file.
+"""
 
 from __future__ import annotations
 
 import shlex
 from bisect import bisect_right
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
-from ..container.chain import index_chain
-from ..container.description import check_range
-from ..container.index import FIRST_OFFSET, INDEX_EVERY, IndexEntry, parse_foot
-from ..container.source import Source, is_url
-from ..container.track import unsupported_track
-from ..container.walk import Chunk, Finding, header_at, identify, read_chunk, walk
-from ..container.wire import HEADER_SIZE, SIGNATURE, SYNC
-from ..errors import FormatError, HapfmtError, UnsupportedError
+from ..errors import HARMLESS, FormatError, HapfmtError, UnsupportedError
+from ..format.description import check_range
+from ..format.index import (
+    FIRST_OFFSET,
+    INDEX_EVERY,
+    Index,
+    IndexEntry,
+    check_listing,
+    entry_count,
+    parse_foot,
+    parse_index,
+)
+from ..format.source import ByteSource, is_url
+from ..format.track import unsupported_track
+from ..format.walk import Chunk, Finding, header_at, identify, read_chunk, walk
+from ..format.wire import HEADER_SIZE, SIGNATURE, SYNC
 from ..limits import LEVELS, Limits
-from ..verdict import HARMLESS
 from .catalogue import Catalogue, ChunkRef
+
+
+def index_chain(
+    source: ByteSource, offset: int, file_id: int | None, limits: Limits | None = None
+) -> list[tuple[int, Index]]:
+    """Offsets and indexes, oldest first, of the chain that ends at ``offset``."""
+    limits, listed = limits or Limits(), 0
+    parts: list[tuple[int, Index]] = []
+    position = position_after = offset
+    while True:
+        chunk = read_chunk(source, position, file_id)
+        if chunk is None or not chunk.intact or chunk.header.type != "iNDX":
+            raise FormatError(
+                "no index where one should be", requirement="IDX-002", offset=position
+            )
+        if parts and chunk.stop > position_after:
+            raise FormatError("indexes overlap", requirement="IDX-002", offset=position)
+        listed += entry_count(chunk.payload)
+        limits.check_records(listed)
+        index = parse_index(chunk.payload, position, chunk.payload_offset)
+        parts.append((position, index))
+        if not index.previous:
+            return parts[::-1]
+        position, position_after = index.previous, position
+
+
+def chain_of(catalogue: Catalogue, entries: Sequence[IndexEntry]) -> list[tuple[int, Index]]:
+    """The chain that a file ends with; empty where there is none, or it does not list
+    ``entries``."""
+    source, file_id = catalogue.source, catalogue.file_id
+    if catalogue.indexed and catalogue.foot:
+        return index_chain(source, catalogue.foot.index_offset, file_id)
+    parts: list[tuple[int, Index]] = []
+    offsets = [ref.offset for ref in catalogue.chunks if ref.type == "iNDX" and ref.known]
+    with suppress(FormatError):
+        for offset, index in index_chain(source, offsets[-1], file_id) if offsets else ():
+            check_listing(index, offset, entries, offset)
+            parts.append((offset, index))
+        return parts
+    return []
+
+
+def copied_tracks(source: ByteSource, entries: Sequence[IndexEntry]) -> set[int]:
+    """The track ids that HEAD and TRAK chunks carry twice."""
+    places = [entry.offset for entry in entries if entry.type in ("HEAD", "TRAK")]
+    headers = [header_at(source, offset, None) for offset in places]
+    counts = Counter(header.track for header in headers if header is not None)
+    return {track for track, count in counts.items() if count > 1}
+
 
 OTHER_FORMATS = {".npz": "an NPZ", ".npy": "an NPY", ".csv": "a CSV", ".wav": "a WAV"}
 """Suffixes of files that are no hapf files but become some."""
@@ -46,7 +107,7 @@ class Bounded(list[Finding]):
 
 
 def open_catalogue(
-    source: Source,
+    source: ByteSource,
     *,
     scan: bool = False,
     limits: Limits | None = None,
@@ -67,7 +128,7 @@ def open_catalogue(
         raise error.at(path=source.path) from None
 
 
-def from_index(source: Source, limits: Limits, file_id: int | None = None) -> Catalogue | None:
+def from_index(source: ByteSource, limits: Limits, file_id: int | None = None) -> Catalogue | None:
     """By the index of a closed file, or the last one of a file that was not closed; None where
     anything about it is not as it should be (IDX-003)."""
     if source.size < FIRST_OFFSET + FOOT_SIZE or source.read_at(0, FIRST_OFFSET) != SIGNATURE:
@@ -84,7 +145,7 @@ def from_index(source: Source, limits: Limits, file_id: int | None = None) -> Ca
         return None
 
 
-def from_foot(source: Source, chunk: Chunk, limits: Limits) -> Catalogue | None:
+def from_foot(source: ByteSource, chunk: Chunk, limits: Limits) -> Catalogue | None:
     file_id = chunk.header.file_id
     catalogue = Catalogue(source, limits, file_id, indexed=True)
     catalogue.foot = parse_foot(chunk.payload, chunk.payload_offset)
@@ -95,7 +156,7 @@ def from_foot(source: Source, chunk: Chunk, limits: Limits) -> Catalogue | None:
     return catalogue
 
 
-def from_checkpoint(source: Source, file_id: int, limits: Limits) -> Catalogue | None:
+def from_checkpoint(source: ByteSource, file_id: int, limits: Limits) -> Catalogue | None:
     """The chunks that the last index lists, and those after it, read in order.
 
     Only where nothing but the end of the last chunk is missing.
@@ -167,7 +228,7 @@ def learn_listed(catalogue: Catalogue, offset: int, file_id: int) -> bool:
     return catalogue.head is not None
 
 
-def last_index(source: Source, file_id: int) -> Chunk | None:
+def last_index(source: ByteSource, file_id: int) -> Chunk | None:
     """The last intact index, if it stands where a writer puts one (IDX-005)."""
     pattern = SYNC + b"iNDX"
     lowest = max(source.size - BACK, FIRST_OFFSET)
@@ -201,7 +262,7 @@ def settle_end(catalogue: Catalogue) -> None:
 
 
 def index_entries(
-    source: Source, offset: int, file_id: int, limits: Limits | None = None
+    source: ByteSource, offset: int, file_id: int, limits: Limits | None = None
 ) -> list[IndexEntry]:
     """All entries, oldest first, by the chain of indexes that ends at ``offset``."""
     chain = index_chain(source, offset, file_id, limits)
@@ -209,7 +270,7 @@ def index_entries(
 
 
 def from_walk(
-    source: Source,
+    source: ByteSource,
     limits: Limits | None = None,
     *,
     tolerant: bool = False,
@@ -239,7 +300,7 @@ def from_walk(
 
 
 def walked(
-    source: Source, limits: Limits | None, file_id: int | None, *, tolerant: bool
+    source: ByteSource, limits: Limits | None, file_id: int | None, *, tolerant: bool
 ) -> Catalogue:
     """The chunks with one file id."""
     catalogue = Catalogue(source, limits or Limits(), file_id, tolerant=tolerant)
@@ -331,7 +392,7 @@ def lose_strangers(catalogue: Catalogue) -> None:
             catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-003")
 
 
-def no_signature(source: Source) -> FormatError:
+def no_signature(source: ByteSource) -> FormatError:
     """With the way out, where the file is empty or of a format that ``encode`` reads."""
     path, message, more = Path(source.path or ""), "not a hapf file: no signature", []
     kind = None if is_url(source.path or "") else OTHER_FORMATS.get(path.suffix.lower())

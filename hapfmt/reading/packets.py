@@ -1,21 +1,132 @@
-"""DATA chunks -> packets in order of time, and what damage took (SPEC clauses 6.4, 7 and 14)."""
+"""DATA chunks -> packets in order of time, and what damage took (SPEC clauses 6.4, 7 and 14).
+
+Some packets of a large cluster: its table and they alone are read (SPEC 6.4).
+
+The CRC of the table shows that no row is damaged. That of each packet covers its row too.
+
+Packets handed to threads, some together.
+
+Seconds asked for -> ticks and clusters (SPEC clause 7).
+"""
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil, floor
+from typing import NamedTuple
 
-from ..container.cluster import Packet, parse_cluster
-from ..container.salvage import Hole, salvage_cluster
-from ..container.walk import header_at, holds
-from ..container.wire import HEADER_SIZE, ChunkHeader
 from ..errors import ChecksumError, FormatError
+from ..format.cluster import (
+    HEAD_ROOM,
+    MissingPackets,
+    Packet,
+    TableRow,
+    packet_crc,
+    parse_cluster,
+    parse_table,
+    parse_table_head,
+    salvage_cluster,
+)
+from ..format.source import ByteSource
+from ..format.track import Track
+from ..format.walk import header_at, holds
+from ..format.wire import HEADER_SIZE, ChunkHeader
+from ..limits import Level
+from ..numbers import exact, tick_range
 from .catalogue import Catalogue, ChunkRef
-from .losses import Losses
-from .partial import SHARE, Ranges, wanted_packets
-from .seconds import Seconds, overlapping
-from .timeline import UNKNOWN, Timeline, Times
+from .damage import UNKNOWN, Losses, Timeline, Times
+
+Ranges = Mapping[int, tuple[int, int]]
+Place = tuple[TableRow, int]
+"""A row, and where its packet stands in the file."""
+ROW_SIZE = 12
+"""Bytes of a row, mostly: as many for each track are read at first."""
+SHARE = 2
+"""The whole payload is read where a 2nd of it is wanted."""
+
+
+def wanted_packets(
+    source: ByteSource,
+    ref: ChunkRef,
+    header: ChunkHeader,
+    tracks: Mapping[int, Track],
+    level: Level,
+    ranges: Ranges,
+) -> list[Packet] | None:
+    """The packets of the tracks in ``ranges`` that overlap them; None where a rule does not hold,
+    or where they are much of the payload."""
+    at, payload_size = ref.offset + HEADER_SIZE, header.payload_size
+    size = min(HEAD_ROOM + ROW_SIZE * len(tracks), payload_size)
+    part = source.read_at(at, size)
+    try:
+        table_size = parse_table_head(part, level, at).table_size
+        if table_size > size:
+            part += source.read_at(at + size, min(table_size, payload_size) - size)
+        head, rows = parse_table(part, payload_size, tracks, level, at, header.cluster_seed)
+    except FormatError:
+        return None
+    places, position = [], at + head.table_size
+    for row in rows:
+        first, last = ranges.get(row.track, (0, 0))
+        if row.start < last and row.stop > first:
+            places.append((row, position))
+        position += row.size
+    if SHARE * sum(row.size for row, _ in places) >= payload_size:
+        return None
+    return read_packets(source, places, head.packet_count, header.cluster_seed)
+
+
+def read_packets(
+    source: ByteSource, places: list[Place], count: int, seed: int
+) -> list[Packet] | None:
+    """Neighbours in one reading. None where a CRC differs."""
+    packets: list[Packet] = []
+    runs: list[list[Place]] = []
+    for place in places:
+        last = runs[-1][-1] if runs else None
+        if last is not None and place[1] - last[1] - last[0].size <= source.gap:
+            runs[-1].append(place)
+        else:
+            runs.append([place])
+    for run in runs:
+        start, stop = run[0][1], run[-1][1] + run[-1][0].size
+        part = source.read_at(start, stop - start)
+        for row, at in run:
+            data = part[at - start : at - start + row.size]
+            if len(data) != row.size or packet_crc(seed, count, row, data) != row.crc:
+                return None
+            packets.append(Packet(row.track, row.start, row.span, data, at))
+    return packets
+
+
+Seconds = Fraction | float | int
+
+
+def tick_after(time_ns: int, rate: Fraction) -> int:
+    """The first tick at ``time_ns`` or later."""
+    return -(-time_ns * rate.numerator // (rate.denominator * 10**9))
+
+
+def overlapping(
+    refs: list[ChunkRef], start: Seconds | None, stop: Seconds | None
+) -> list[ChunkRef]:
+    """DATA chunks that may hold something of the seconds [start, stop)."""
+    first = 0 if start is None else floor(exact(start) * 10**9)
+    last = None if stop is None else ceil(exact(stop) * 10**9)
+    return [
+        ref
+        for ref in refs
+        if ref.start_ns is None
+        or ref.stop_ns is None
+        or ((start is None or first < ref.stop_ns) and (last is None or ref.start_ns < last))
+    ]
+
+
+__all__ = ["Seconds", "overlapping", "tick_after", "tick_range"]
+
 
 TAIL_LOSSES = frozenset({"truncated", "garbage", "duplicate-chunk"})
 """Findings that may have been a DATA chunk."""
@@ -26,7 +137,7 @@ EXTRA_SIZE = 1 << 16
 
 
 @dataclass
-class Line:
+class TrackLine:
     """Tracks that continue one another, or one alone: which is at work, and where its last packet
     ended. ``free``: of events, whose packets come in any order."""
 
@@ -36,15 +147,15 @@ class Line:
     stop: int = 0
 
 
-def lines_of(catalogue: Catalogue) -> dict[int, tuple[Line, int]]:
+def lines_of(catalogue: Catalogue) -> dict[int, tuple[TrackLine, int]]:
     """By track, with its place in the line."""
     rows: list[tuple[int, ...]] = [(track,) for track in catalogue.tracks]
     for parts in catalogue.parts:
         rows.append(tuple(part.track.id for part in parts))
         rows.append(tuple(part.residual.id for part in parts if part.residual))
-    lines: dict[int, tuple[Line, int]] = {}
+    lines: dict[int, tuple[TrackLine, int]] = {}
     for row in rows:
-        line = Line(row, any(catalogue.tracks[track].kind == "events" for track in row))
+        line = TrackLine(row, any(catalogue.tracks[track].kind == "events" for track in row))
         lines |= {track: (line, place) for place, track in enumerate(row)}
     return lines
 
@@ -194,7 +305,7 @@ class PacketPass:
             payload = self.catalogue.source.read_at(at, max(sizes))
         return payload, sizes
 
-    def lose_packets(self, hole: Hole, ref: ChunkRef, size: int) -> None:
+    def lose_packets(self, hole: MissingPackets, ref: ChunkRef, size: int) -> None:
         if hole.row is not None:
             row = hole.row
             message = f"a packet of track {row.track} cannot be delivered"
@@ -244,3 +355,33 @@ def disorder(packet: Packet, *, alone: bool) -> FormatError:
         requirement="TRK-016",
         offset=packet.offset,
     )
+
+
+BATCH = 1 << 15
+"""Samples that are worth handing to another thread."""
+
+
+class Batch(NamedTuple):
+    """Packets that one thread decodes, and how many samples they have."""
+
+    packets: list[Packet]
+    weight: int
+
+
+def batches(packets: Iterable[tuple[Packet, int]], size: int) -> Iterator[Batch]:
+    """Packets in their order, as few together as hold ``size`` samples; what an error leaves of a
+    batch comes before it."""
+    batch, weight = [], 0
+    try:
+        for packet, samples in packets:
+            batch.append(packet)
+            weight += samples
+            if weight >= size:
+                yield Batch(batch, weight)
+                batch, weight = [], 0
+    except Exception:
+        if batch:
+            yield Batch(batch, weight)
+        raise
+    if batch:
+        yield Batch(batch, weight)

@@ -1,43 +1,109 @@
-"""File -> recording: sequential or by index, only the channels, times and bands asked for."""
+"""File -> recording: sequential or by index, only the channels, times and bands asked for.
+
+Stored checksums of tracks (dGST, SPEC 6.9), and whether the decoded numbers match them.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from fractions import Fraction
 from typing import Any, BinaryIO
 from uuid import UUID
 
-from ..closing import Closing
-from ..container.clocks import ClockMap, ClockObservation
-from ..container.cluster import Packet
-from ..container.extras import Attachment
-from ..container.source import open_source
-from ..container.track import Track, lone_lf
-from ..container.walk import Finding
 from ..errors import (
+    HARMLESS,
     FormatError,
     ParameterError,
+    channels_called,
+    verdict_of,
 )
 from ..events import Event
+from ..files import Closing
+from ..format.cluster import Packet
+from ..format.extras import Attachment, ClockMap, ClockObservation
+from ..format.source import open_source
+from ..format.track import Track, lone_lf
+from ..format.walk import Chunk, Finding, read_chunk
 from ..limits import Limits
-from ..names import channels_called
 from ..numbers import counted
 from ..numbers import exact as exact_number
 from ..recording import Recording
 from ..threads import in_order, thread_count
-from ..verdict import HARMLESS, verdict_of
-from .assembly import BANDS, Assembly, Band, events_of, wanted_tracks
-from .batches import BATCH, Batch, batches
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
-from .decoder import TrackDecoder
-from .digests import DigestCheck
-from .losses import LostSpan
-from .opening import open_catalogue
-from .packets import PacketPass
-from .pieces import Piece, PieceDecoder
-from .reconstruct import Decoded
-from .seconds import Seconds, tick_range
+from .channels import BANDS, Assembly, Band, Decoded, events_of, wanted_tracks
+from .damage import LostSpan
+from .decoder import DecodedPiece, PieceDecoder, TrackDecoder, TrackDigest
+from .opening import lose_chunk, open_catalogue
+from .packets import BATCH, Batch, PacketPass, Seconds, batches, tick_range
+
+
+class DigestCheck:
+    """Takes the pieces of whole tracks in the order of the file, then compares."""
+
+    def __init__(self, catalogue: Catalogue, tracks: Collection[int] | None = None) -> None:
+        self.catalogue = catalogue
+        found = stored_digests(catalogue)
+        self.stored = {id_: found[id_] for id_ in found if tracks is None or id_ in tracks}
+        self.running = {id_: TrackDigest() for id_ in self.stored}
+
+    def add(self, piece: DecodedPiece) -> None:
+        offset, _ = self.stored.get(piece.track.id, (0, b""))
+        if piece.offset < offset:
+            self.running[piece.track.id].update(piece.start, piece.digested)
+
+    def compare(self, lossy: Collection[int]) -> None:
+        """Report each checksum that differs; tracks with losses are not compared (DGS-002)."""
+        for id_, (offset, digest) in self.stored.items():
+            if id_ in lossy or self.catalogue.tracks[id_].unsupported:
+                continue
+            if self.running[id_].digest() != digest:
+                message = f"the decoded numbers of track {id_} do not match their checksum"
+                self.catalogue.lose("bad-digest", offset, 32, message, "DGS-002")
+
+
+def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
+    """The last digest of each track and its offset (SPEC 6.9)."""
+    found: dict[int, tuple[int, bytes]] = {}
+    # In a damaged file the description of a track may be lost; a recoverer of an undamaged one
+    # reports a digest of no track, since it leaves it out.
+    harmed = any(finding.code not in HARMLESS for finding in catalogue.findings)
+    for ref in catalogue.chunks:
+        chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "dGST" else None
+        if chunk is None or not chunk.intact or not chunk.header.known:
+            continue
+        try:
+            ids = digested_tracks(catalogue, chunk, harmed=harmed)
+        except FormatError as error:
+            if not catalogue.damaged:
+                raise
+            lose_chunk(catalogue, chunk, error)
+            continue
+        for id_ in ids:
+            place = 32 * (id_ - chunk.header.track)
+            if id_ in catalogue.tracks:
+                digest = chunk.payload[place : place + 32]
+                found[id_] = chunk.payload_offset + place, digest
+    return found
+
+
+def digested_tracks(catalogue: Catalogue, chunk: Chunk, *, harmed: bool) -> range:
+    """The tracks that a dGST chunk has checksums of; in a damaged file some may not be known."""
+    tracks, at, size = catalogue.tracks, chunk.payload_offset, len(chunk.payload)
+    ids = range(chunk.header.track, chunk.header.track + size // 32)
+    unknown = [
+        i for i in ids if i not in tracks or (tracks[i].offset > at and not catalogue.damaged)
+    ]
+    if not size or size % 32 or (unknown and not harmed):
+        raise FormatError(
+            "The chunk does not hold a whole number of checksums of known tracks",
+            requirement="DGS-001",
+            offset=at,
+        )
+    if any(i in tracks and tracks[i].kind == "events" for i in ids):
+        raise FormatError("Tracks of events have no checksum", requirement="DGS-001", offset=at)
+    return ids
+
 
 IN_FLIGHT = 1 << 19
 """Samples that are decoded ahead of those that are delivered, by all threads together; a packet of
@@ -321,7 +387,7 @@ class Reader(Closing):
         *,
         exact: bool = False,
         progress: Callable[[int, int], None] | None = None,
-    ) -> Iterator[Piece]:
+    ) -> Iterator[DecodedPiece]:
         """Decoded packets of ``tracks`` in order of the file, cut to the seconds [start, stop).
 
         Memory is that of one cluster. A read of everything walks through the file first, so that
@@ -335,8 +401,8 @@ class Reader(Closing):
 
         decoder = PieceDecoder(decoders, ranges, exact=exact)
 
-        def decode(batch: Batch) -> list[Piece | FormatError]:
-            pieces: list[Piece | FormatError] = []
+        def decode(batch: Batch) -> list[DecodedPiece | FormatError]:
+            pieces: list[DecodedPiece | FormatError] = []
             for packet in batch.packets:
                 try:
                     pieces.append(decoder.decode(packet))
@@ -351,7 +417,7 @@ class Reader(Closing):
             lambda job: (job, decode(job)), jobs, threads, lambda job: job.weight / IN_FLIGHT
         ):
             for packet, piece in zip(batch.packets, pieces, strict=True):
-                if isinstance(piece, Piece):
+                if isinstance(piece, DecodedPiece):
                     yield piece
                 elif self.catalogue.damaged:
                     # In a damaged file a broken rule is part of the damage (SPEC clause 14).
@@ -456,4 +522,4 @@ def read(
         return recording
 
 
-__all__ = ["BANDS", "Band", "LostSpan", "Piece", "Reader", "read"]
+__all__ = ["BANDS", "Band", "DecodedPiece", "LostSpan", "Reader", "read"]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from .profile.model import Report
+from .profile.model import HidReport
 
 if TYPE_CHECKING:  # a watchdog starts without arrays
     import numpy as np
     from numpy.typing import NDArray
 
 
-class Block(NamedTuple):
+class FrameBlock(NamedTuple):
     """Values for the device, rendered ahead of their time.
 
     ``values`` [samples, actuators], in the actuator's unit, calibrated; ``known`` [samples,
@@ -37,11 +37,11 @@ class Frame(NamedTuple):
     counts: tuple[tuple[int, ...], ...]
 
 
-class Sink(Protocol):
+class FrameSink(Protocol):
     """Where frames go. ``open`` and ``send`` raise DeviceError; ``close`` never does."""
 
     def open(self) -> None: ...
 
-    def send(self, frame: Frame, reports: tuple[Report, ...]) -> None: ...
+    def send(self, frame: Frame, reports: tuple[HidReport, ...]) -> None: ...
 
     def close(self) -> None: ...

@@ -3,22 +3,237 @@
 Time is whatever the caller says it is. Frame k is due ``ceil(k * period)`` nanoseconds after the
 start; the recording goes on by one frame with each, sent or skipped, while it plays, and stands
 still while it does not. So ``played``, the number of the sample that comes next, counts no pause.
+
+Values of one actuator -> what it is sent: rectified, clamped, ramped, scaled, limited.
+
+The last of all steps: counts within their limits, and close to the one before (PLY-002).
+
+Integers only, so that no rounding, no value of a file and no fault above can get past it.
+
+Soft start and soft stop: a phase that moves by one a sample, a raised cosine (PLY-003).
+
+An envelope that falls goes on to the ground before it rises again, so a short gap, a pause that is
+taken back at once or a seek give the same slow way down and up as a long one.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
-from math import inf
+from fractions import Fraction
+from math import ceil, cos, floor, inf, isfinite, pi
 from typing import Literal, get_args
 
 import numpy as np
 
 from ..errors import ParameterError
-from .frames import Block, Frame
-from .lane import Lane
-from .lane import State as LaneState
-from .profile.model import Profile
+from ..numbers import exact
+from .frames import Frame, FrameBlock
+from .profile.model import Actuator, CountLimits, Profile
+
+COUNT_LIMIT = 2**53
+"""Whole numbers up to here are exact as float64."""
+
+
+def count_limits(profile: Profile, actuator: Actuator) -> CountLimits:
+    """The limits of an actuator, refused where they do not bound it or let it never move."""
+    try:
+        limits = profile.limits(actuator)
+    except (ArithmeticError, ValueError):  # not finite, or a step of zero
+        limits = CountLimits(1, 0, 0, 0)
+    low, high, rest, change = limits
+    if not (
+        -COUNT_LIMIT <= low <= rest <= high <= COUNT_LIMIT
+        and change >= 1
+        and actuator.step > 0
+        and isfinite(actuator.maximum - actuator.minimum)
+        and actuator.minimum <= actuator.rest <= actuator.maximum
+    ):
+        raise ParameterError(
+            f"actuator {actuator.name!r} of profile {profile.name!r} has no usable limits: it needs"
+            " minimum <= rest <= maximum, and a slew of one step a sample or more",
+            requirement="PLY-001",
+        )
+    return limits
+
+
+class Limiter:
+    """Counts of one actuator, from rest on."""
+
+    __slots__ = ("_high", "_low", "change", "count", "limited")
+
+    def __init__(self, limits: CountLimits) -> None:
+        self._low, self._high, self.count, self.change = limits
+        self.limited = 0
+
+    def __call__(self, wanted: int) -> int:
+        """What is sent for it. ``count`` is in range, so a step towards the range stays in it."""
+        if wanted > self._high:
+            wanted = self._high
+        elif wanted < self._low:
+            wanted = self._low
+        change = wanted - self.count
+        if change > self.change:
+            wanted = self.count + self.change
+            self.limited += 1
+        elif change < -self.change:
+            wanted = self.count - self.change
+            self.limited += 1
+        self.count = wanted
+        return wanted
+
+
+def ramp_samples(seconds: float, rate: Fraction) -> int:
+    """Two at least: one value between rest and signal. 0.05 s are 50 ms, as the profile says, not
+    what the float of it is."""
+    return max(2, ceil(exact(seconds) * rate))
+
+
+class Envelope:
+    """Of one actuator. ``phase``: 0 at rest, ``length`` at the full signal."""
+
+    __slots__ = ("falling", "length", "phase", "top")
+
+    def __init__(self, length: int) -> None:
+        self.length = length
+        self.phase = 0
+        self.falling = False
+        self.top = 1.0
+        """Its shape where the fall began."""
+
+    def shape(self) -> float:
+        return (1 - cos(pi * self.phase / self.length)) / 2
+
+    def rise(self) -> float:
+        """What part of the signal this sample is."""
+        if self.phase == self.length:
+            return 1.0
+        self.phase += 1
+        return self.shape()
+
+    def begin_fall(self) -> None:
+        self.falling = True
+        self.top = self.shape()
+
+    def fall(self) -> float:
+        """What is left in this sample of the value that the fall began with."""
+        if self.phase:
+            self.phase -= 1
+        return self.shape() / self.top if self.top else 0.0
+
+
+LaneState = tuple[int, int, int, bool, float]
+
+
+class ActuatorPath:
+    """Exactly one of ``play`` and ``fall`` is called for each sample that is sent."""
+
+    __slots__ = (
+        "_gain",
+        "_heard",
+        "_held",
+        "_maximum",
+        "_minimum",
+        "_rectify",
+        "_rest",
+        "_silent",
+        "_step",
+        "clamped",
+        "envelope",
+        "gaps",
+        "limiter",
+        "refused",
+        "rest",
+    )
+
+    def __init__(self, profile: Profile, actuator: Actuator, gain: float) -> None:
+        limits = count_limits(profile, actuator)
+        self.limiter = Limiter(limits)
+        self.envelope = Envelope(ramp_samples(profile.timing.ramp_s, profile.timing.rate))
+        self.rest = limits.rest
+        self._rest, self._step, self._rectify = actuator.rest, actuator.step, actuator.rectify
+        self._minimum, self._maximum = actuator.minimum, actuator.maximum
+        self._gain = gain
+        self._held = 0
+        """Counts from rest where the fall began."""
+        self._heard = False
+        self._silent = 0
+        self.clamped = self.refused = 0
+        self.gaps = 0
+        """Samples that were not known between such that were."""
+
+    @property
+    def at_rest(self) -> bool:
+        return self.envelope.phase == 0 and self.limiter.count == self.rest
+
+    @property
+    def samples_to_rest(self) -> int:
+        """More than this no fall takes from here."""
+        away = abs(self.limiter.count - self.rest)
+        return self.envelope.phase - (-away // self.limiter.change)
+
+    def play(self, value: float, known: bool) -> int:
+        if not known:
+            self._silent += 1
+            return self.fall()
+        if not isfinite(value):
+            self.refused += 1
+            return self.fall()
+        envelope = self.envelope
+        if envelope.falling:
+            return self.fall()
+        if envelope.phase == 0:
+            self.gaps += self._silent if self._heard else 0
+            self._heard = True
+            self._silent = 0
+        if self._rectify:
+            value = abs(value)
+        if value > self._maximum:
+            value = self._maximum
+            self.clamped += 1
+        elif value < self._minimum:
+            value = self._minimum
+            self.clamped += 1
+        wanted = self._rest + self._gain * envelope.rise() * (value - self._rest)
+        return self.limiter(floor(wanted / self._step + 0.5))
+
+    def fall(self) -> int:
+        """One sample nearer to rest.
+
+        From what was sent last, not from what was wanted: where the slew limit kept the actuator
+        behind a large value, it turns round at once and never comes closer to that value.
+        """
+        envelope, limiter = self.envelope, self.limiter
+        if not envelope.falling:
+            if envelope.phase == 0:
+                return limiter(self.rest)
+            self.cut()
+        count = limiter(self.rest + floor(self._held * envelope.fall() + 0.5))
+        if envelope.phase == 0 and count == self.rest:
+            envelope.falling = False
+        return count
+
+    def cut(self) -> None:
+        """Fall with the next sample, and all the way to rest."""
+        envelope = self.envelope
+        if envelope.phase and not envelope.falling:
+            envelope.begin_fall()
+            self._held = self.limiter.count - self.rest
+
+    def state(self) -> LaneState:
+        envelope = self.envelope
+        return self.limiter.count, self._held, envelope.phase, envelope.falling, envelope.top
+
+    def restore(self, state: LaneState) -> None:
+        """As it was: what came since was not sent. What was counted stays counted."""
+        envelope = self.envelope
+        self.limiter.count, self._held, envelope.phase, envelope.falling, envelope.top = state
+
+    def forget(self) -> None:
+        """What comes next is from elsewhere in the recording: no gap lies before it."""
+        self._heard = False
+        self._silent = 0
+
 
 State = Literal["playing", "pausing", "paused", "stopping", "ended"]
 Outcome = Literal["clean", "failed", "interrupted", "late", "device-lost"]
@@ -68,7 +283,7 @@ class Schedule:
                 f"profile {profile.name!r} has no usable rate, frame, hold or ramp",
                 requirement="PLY-001",
             )
-        self.lanes = tuple(Lane(profile, actuator, gain) for actuator in profile.actuators)
+        self.lanes = tuple(ActuatorPath(profile, actuator, gain) for actuator in profile.actuators)
         self._rest = tuple(lane.rest for lane in self.lanes)
         self._hole: Row = ([0.0] * len(self.lanes), [False] * len(self.lanes))
         """Between two blocks: not known, as if a block said so."""
@@ -98,7 +313,7 @@ class Schedule:
 
     def _begin(self, generation: int, first: int) -> None:
         self._generation = generation
-        self._blocks: deque[Block] = deque()
+        self._blocks: deque[FrameBlock] = deque()
         self.played = first
         self._fed = first
         self._end: int | None = None
@@ -146,7 +361,7 @@ class Schedule:
         """Whether the samples of the next frame are not all there yet."""
         return self._end is None and self._fed < self.played + self._samples
 
-    def feed(self, block: Block) -> None:
+    def feed(self, block: FrameBlock) -> None:
         """What comes next; it must not be changed afterwards.
 
         Blocks of another generation than the last seek asked for are dropped; where blocks

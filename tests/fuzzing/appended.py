@@ -8,9 +8,9 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from hapfmt.appending import open_append
 from hapfmt.reading.reader import Reader
-from hapfmt.verifier import Report, verify
+from hapfmt.reading.verifier import Report, verify
+from hapfmt.writing.start import open_append
 
 from .files import LIMITS, of_file
 from .mend import SIZE, mend_file

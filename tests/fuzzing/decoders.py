@@ -18,10 +18,10 @@ import numpy as np
 import singles
 from numpy.typing import NDArray
 
-from hapfmt.codecs import components, exact, knots, knots_coded, predicted, quantised, raw
+from hapfmt.codecs import exact, knots, predicted, quantised, raw
 from hapfmt.codecs.exact import ExactParameters
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
-from hapfmt.container.track import Affine
+from hapfmt.format.track import Affine
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS, Level
 
@@ -127,14 +127,14 @@ def knot(data: bytes) -> None:
         if decode(knots, ask, parameters) is not None:
             assert knots.build_knots(*knots.parse_knots(ask.packet, ask.width, AT)) == ask.packet
         return
-    if decode(knots_coded, ask, parameters) is None:
+    if decode(knots, ask, parameters) is None:
         return
     limit = parameters.grid.index_limit(ask.level.count_bound)
     way = parameters.interpolation
-    ticks, rows = knots_coded.decode_indices(ask.packet, way, ask.span, ask.width, limit, AT)
+    ticks, rows = knots.decode_indices(ask.packet, way, ask.span, ask.width, limit, AT)
     # There is more than one way to code them: class, start, states and signs.
-    again = knots_coded.encode_knots(ticks, rows, way)
-    back = knots_coded.decode_indices(again, way, ask.span, ask.width, limit, AT)
+    again = knots.encode_knots(ticks, rows, way)
+    back = knots.decode_indices(again, way, ask.span, ask.width, limit, AT)
     assert back[0].tolist() == ticks.tolist() and back[1].tolist() == rows.tolist()
 
 
@@ -166,7 +166,7 @@ def rawb(data: bytes) -> None:
 def lpcr(data: bytes) -> None:
     ask = asked(data)
     parameters = ask and settled(LpcParameters.parse, ask.parameters, ask.level, AT)
-    if not ask or not parameters or decode(components, ask, parameters) is None:
+    if not ask or not parameters or decode(predicted, ask, parameters) is None:
         return
     if ask.width > 1:
         return
@@ -245,7 +245,7 @@ def of_quan() -> Iterable[bytes]:
 
 
 def quantised_lengths(symbols: NDArray[np.int64], size: int) -> NDArray[np.int64]:
-    from hapfmt.codecs.huffman import code_lengths
+    from hapfmt.codecs.quantised import code_lengths
 
     return code_lengths(np.bincount(symbols, minlength=size))
 
@@ -283,12 +283,12 @@ def of_lpcr() -> Iterable[bytes]:
         references = ((place - 1, (3, 50, -7)),) if place else ()
         predictor = predicted.Predictor(0, (70, -30), references=tuple(map(made, references)))
         earlier = [rows[:, i] for i in range(place)]
-        packets.append(components.encode_component(rows[:, place], predictor, earlier))
-    yield given(plain, components.join_components(packets), 40, 3)
+        packets.append(predicted.encode_component(rows[:, place], predictor, earlier))
+    yield given(plain, predicted.join_components(packets), 40, 3)
 
 
 def made(reference: tuple[int, tuple[int, int, int]]) -> Any:
-    from hapfmt.codecs.references import Reference
+    from hapfmt.codecs.predicted import Reference
 
     return Reference(*reference)
 
@@ -300,7 +300,7 @@ def of_coded_knots() -> Iterable[bytes]:
             for width in (1, 2):
                 ticks = np.array([0, 4, 9, 12, 31])
                 rows = wave(5, width) // 4
-                yield given(parameters, knots_coded.encode_knots(ticks, rows, name), 32, width)
+                yield given(parameters, knots.encode_knots(ticks, rows, name), 32, width)
         yield given(f.coded_knot_parameters(way), b"\x09", 7)
 
 

@@ -7,8 +7,13 @@ from collections.abc import Iterable
 import hid_descriptors as hd
 
 from hapfmt.errors import DeviceError
-from hapfmt.replay.profile.descriptor import Descriptor, of_hex, parse_descriptor
-from hapfmt.replay.profile.matching import differences, wanted_of
+from hapfmt.replay.profile.matching import (
+    Descriptor,
+    differences,
+    of_hex,
+    parse_descriptor,
+    wanted_of,
+)
 from hapfmt.replay.profile.packing import Packer
 from hapfmt.replay.profile.parse import load_profile, parse_profile
 

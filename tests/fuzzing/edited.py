@@ -8,7 +8,7 @@ from typing import Any
 
 from hapfmt import edit
 from hapfmt.reading.reader import Reader
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 from .files import LIMITS, of_file
 from .mend import mend_file

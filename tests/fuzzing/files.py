@@ -14,13 +14,12 @@ import numpy as np
 import hapfmt
 from hapfmt import Calibration, Channel, Event, Limits, Recording, Settings
 from hapfmt.cli.info import describe
-from hapfmt.container.source import BytesSource
-from hapfmt.dump import dump
+from hapfmt.format.source import BytesSource
 from hapfmt.kernels import compiled
+from hapfmt.reading.dump import dump, measure
 from hapfmt.reading.opening import open_catalogue
 from hapfmt.reading.reader import BANDS, Reader
-from hapfmt.usage import measure
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 from .decoders import readable
 from .mend import mend_file

@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 from terminal import Said, called
 
+from hapfmt.edit.recover import recover
 from hapfmt.errors import HapfmtError, TruncatedError, UnsupportedError
 from hapfmt.limits import Limits
-from hapfmt.recovery.recover import recover
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 from .files import LIMITS, of_file
 from .mend import SIZE, Part, build, parts_of, table_at

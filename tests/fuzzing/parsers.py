@@ -8,25 +8,27 @@ from collections.abc import Iterable
 import forge as f
 
 from hapfmt.codecs.events import build_events, parse_events
-from hapfmt.codecs.varints import build_varints, parse_varints
-from hapfmt.container.clocks import build_clocks, build_map, parse_clock, parse_map
-from hapfmt.container.cluster import Packet, build_cluster, parse_cluster
-from hapfmt.container.description import build_description, parse_description
-from hapfmt.container.extras import (
+from hapfmt.codecs.knots import build_varints, parse_varints
+from hapfmt.format.cluster import Packet, build_cluster, parse_cluster, salvage_cluster
+from hapfmt.format.description import build_description, parse_description
+from hapfmt.format.extras import (
     build_attachment,
+    build_clocks,
+    build_map,
     build_metadata,
     parse_attachment,
+    parse_clock,
+    parse_map,
     parse_metadata,
 )
-from hapfmt.container.index import build_foot, build_index, parse_foot, parse_index
-from hapfmt.container.salvage import salvage_cluster
-from hapfmt.container.source import BytesSource
-from hapfmt.container.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
-from hapfmt.container.track import TrackTable
-from hapfmt.container.walk import Finding, walk
-from hapfmt.container.wire import cluster_seed, parse_head, parse_header
-from hapfmt.integers import parse_varint
+from hapfmt.format.index import build_foot, build_index, parse_foot, parse_index
+from hapfmt.format.source import BytesSource
+from hapfmt.format.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
+from hapfmt.format.track import TrackTable
+from hapfmt.format.walk import Finding, walk
+from hapfmt.format.wire import cluster_seed, parse_head, parse_header
 from hapfmt.limits import LEVELS
+from hapfmt.numbers import parse_varint
 
 from .mend import mend_cluster, mend_header
 from .target import Target, outcome, settled

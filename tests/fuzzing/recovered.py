@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import io
 
+from hapfmt.edit.recover import recover
 from hapfmt.reading.reader import Reader
-from hapfmt.recovery.recover import recover
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
 
 from .files import LIMITS, of_file
 from .mend import mend_file

@@ -10,18 +10,23 @@ from fractions import Fraction
 
 import numpy as np
 
-from hapfmt.live.frames import OBJECT, ROWS, SAMPLES, build_frame
-from hapfmt.live.lines import Table
-from hapfmt.live.recorder import Recorder
-from hapfmt.live.session import Header
-from hapfmt.live.streams import Stream
-from hapfmt.verifier import verify
+from hapfmt.reading.verifier import verify
+from hapfmt.writing.recorder import Recorder
+from hapfmt.writing.streams import (
+    OBJECT,
+    ROWS,
+    SAMPLES,
+    BareTable,
+    Header,
+    InputStream,
+    build_frame,
+)
 
 from .appended import codes_of
 from .files import LIMITS
 from .target import Target, settled
 
-TABLE = Table(Fraction(1000), lsb=0.5)
+TABLE = BareTable(Fraction(1000), lsb=0.5)
 
 
 def stream(data: bytes) -> None:
@@ -32,7 +37,7 @@ def stream(data: bytes) -> None:
         return Recorder(out, header.inputs, metadata=header.metadata, canonical=1, **given)
 
     size = 1 + (data[0] if data else 0)
-    told = Stream(begin, TABLE)
+    told = InputStream(begin, TABLE)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         for at in range(1, len(data), size):

@@ -20,9 +20,9 @@ from results import mean
 from simulated import drift, glove
 
 import hapfmt
-from hapfmt.encoder.tolerance import Tolerance
+from hapfmt.encoder.settings import Tolerance
 from hapfmt.kernels import compiled
-from hapfmt.scenes import load_scene, simulate
+from hapfmt.lab.scenes import load_scene, simulate
 from report.section import COLOURS, PALE, CannotRunError, Options, Section, Table, drawn, timed
 
 SETTINGS: dict[str, dict[str, Any]] = {

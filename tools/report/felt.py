@@ -1,18 +1,18 @@
 """What of an error a hand would feel, from published thresholds: a measure, and no rating.
 
 A force f on a stylus in the hand moves it by f / |K - m w^2 + i C w| (the hand and the stylus of
-``hapfmt.scenes``). Against that displacement stands the vibrotactile threshold: flat to 40 Hz, then
-falling by 12 dB an octave to its minimum at 250-300 Hz (R. T. Verrillo, "Effect of contactor area
-on the vibrotactile threshold", J. Acoust. Soc. Am. 35, 1963, as G. A. Gescheider and R. T. Verrillo
-sum it up in "Sensory functions of the skin of humans", 1979,
+``hapfmt.lab.scenes``). That displacement is compared with the vibrotactile threshold: flat to 40
+Hz, then falling by 12 dB an octave to its minimum at 250-300 Hz (R. T. Verrillo, "Effect of
+contactor area on the vibrotactile threshold", J. Acoust. Soc. Am. 35, 1963, as G. A. Gescheider
+and R. T. Verrillo sum it up in "Sensory functions of the skin of humans", 1979,
 https://doi.org/10.1007/978-1-4613-3039-4_10). Above 300 Hz the same slope upwards is assumed here:
 at 1 kHz it concerns less than an octave. The sum of (displacement / threshold)^2 over frequency is
 the power as the Pacinian channel weighs it, which roughness follows (S. J. Bensmaia, M. Hollins,
 "The vibrations of texture", Somatosensory & Motor Research 20, 2003,
 https://doi.org/10.1080/0899022031000083825).
 
-An error counts as felt where it is above threshold by itself and changes the vibration by more than
-a just noticeable difference: M. A. Forta, M. J. Griffin, M. Morioka, "Vibrotactile difference
+An error counts as felt where it is above threshold by itself and changes the vibration by more
+than a just noticeable difference: M. A. Forta, M. J. Griffin, M. Morioka, "Vibrotactile difference
 thresholds", Somatosensory & Motor Research 29, 2012, found Weber fractions of amplitude of 0.20 to
 0.58. The least of them is taken, and the error as if it were in phase with the texture, so that
 rather too much counts as felt.
@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapfmt.encoder.split import low_pass
-from hapfmt.metrics import BAND_BLOCK_S, SPLIT_HZ
-from hapfmt.scenes import Tool
+from hapfmt.lab.metrics import BAND_BLOCK_S, SPLIT_HZ
+from hapfmt.lab.scenes import Tool
 
 FLAT_TO_HZ, LEAST_FROM_HZ, LEAST_TO_HZ = 40.0, 250.0, 300.0
 THRESHOLD_M = 0.1e-6

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hapfmt
-from hapfmt.encoder.tolerance import Tolerance
-from hapfmt.metrics import st_sim
-from hapfmt.scenes import load_scene, simulate
+from hapfmt.encoder.settings import Tolerance
+from hapfmt.lab.metrics import st_sim
+from hapfmt.lab.scenes import load_scene, simulate
 from report.felt import GRASPED_DB
 from report.paper_figures import PERCENT, fig4, most_textured, picture2
 from report.rated import Rated, least_unfelt, picture5, rate, ratings, similarity_of
@@ -413,10 +413,10 @@ def text_of(
 **On simulated sand, k = {PERCENT} % and b = 5 take {coded.payload_percent:.1f} % of the doubles; \
 the deadband alone takes {alone.payload_percent:.1f} %. From {unfelt} on the error would not be \
 felt.** \
-The recordings are a stylus on stone, sand and cork from `hapfmt.scenes`, {seconds:g} s each at \
-1 kHz. The paper's sessions have 11 s. The preset is `paper` with a floor of 10 mN. F. Brandi, R. \
-Chaudhari, E. Steinbach, [VECIMS 2011](https://doi.org/10.1109/VECIMS.2011.6053837). All numbers \
-are computed here; the paper's numbers stand in two tables, with their source.
+The recordings are a stylus on stone, sand and cork from `hapfmt.lab.scenes`, {seconds:g} s each \
+at 1 kHz. The paper's sessions have 11 s. The preset is `paper` with a floor of 10 mN. F. Brandi, \
+R. Chaudhari, E. Steinbach, [VECIMS 2011](https://doi.org/10.1109/VECIMS.2011.6053837). All \
+numbers are computed here; the paper's numbers stand in two tables, with their source.
 
 {agreement(peaks, read)}
 * **Deadband alone**: it is the smallest by far and keeps no texture: its error is larger than the \

@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 import hapfmt
-from hapfmt.encoder.tolerance import Tolerance
-from hapfmt.metrics import snr_hf_db
-from hapfmt.scenes import load_scene, simulate
+from hapfmt.encoder.settings import Tolerance
+from hapfmt.lab.metrics import snr_hf_db
+from hapfmt.lab.scenes import load_scene, simulate
 
 WEBER = (1, 2, 5, 10, 15, 20, 30, 40, 50)
 BITS = (0, 2, 5, 8)

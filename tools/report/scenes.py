@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scenes import HEADERS, ROWS, Found, Row, cells, measure_all
 
-from hapfmt.scenes import load_scene, simulate
+from hapfmt.lab.scenes import load_scene, simulate
 from report.section import Options, Section, Table, drawn
 
 QUICK_ROWS = 4

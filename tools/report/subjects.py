@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import hapfmt
 from hapfmt.convert import FORMATS
 from hapfmt.kernels import compiled
-from hapfmt.scenes import load_scene, simulate
+from hapfmt.lab.scenes import load_scene, simulate
 from report.section import Options
 
 SCENES = ("stone", "sand", "cork", "wall", "taps", "grasp", "free")

@@ -16,8 +16,8 @@ from peers.relative import ROUNDING, SAFE, Recipe, outside, quantised, recipes, 
 from peers.zipped import coded_size
 
 import hapfmt
-from hapfmt.encoder.tolerance import Tolerance
-from hapfmt.metrics import band_energy_error_db, max_error, rmse, snr_hf_db, st_sim
+from hapfmt.encoder.settings import Tolerance
+from hapfmt.lab.metrics import band_energy_error_db, max_error, rmse, snr_hf_db, st_sim
 from report.section import Spread, timed
 from report.subjects import Subject
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Span
-from hapfmt.container.filewriter import FileWriter
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.source import Source
+from hapfmt.encoder.source import InputBlock
 from hapfmt.limits import LAST_TRACK_ID
 from hapfmt.reading.reader import Reader
+from hapfmt.writing.filewriter import FileWriter
 
 from .filters import butterworth
 from .row import Row, at_least, at_most, compared, exactly
@@ -50,7 +50,7 @@ def alternating() -> Iterator[Row]:
     x = np.tile(np.array([-(2**31), 2**31 - 1], np.int32), 500)
     with np.errstate(over="ignore"):
         naive = float(x.max() - x.min())
-    ours = Source((raw(x),), x[:, None], (Span(0, x.size),)).extents[0]
+    ours = InputBlock((raw(x),), x[:, None], (Span(0, x.size),)).extents[0]
     yield compared(
         23, "+-max of 32 bits in turn, range of its counts in 32 bits", (naive, at_most(-1)),
         (ours, exactly(2**32 - 1)), "counts",

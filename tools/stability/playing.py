@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hapfmt import Settings
 from hapfmt.reading.reader import Reader
-from hapfmt.replay.frames import Block
+from hapfmt.replay.frames import FrameBlock
 from hapfmt.replay.profile.model import Actuator, Profile, Timing
 from hapfmt.replay.render import Renderer, assign
 from hapfmt.replay.schedule import Schedule
@@ -90,7 +90,7 @@ def scheduled(x: Samples) -> NDArray[np.int64]:
 
     def feed(first: int, part: Samples, generation: int) -> None:
         known = np.ones((part.size, 1), np.bool_)
-        schedule.feed(Block(first, part[:, None], known, generation))
+        schedule.feed(FrameBlock(first, part[:, None], known, generation))
 
     def run(frames: int) -> None:
         for _ in range(frames):
@@ -140,7 +140,7 @@ def broken_clock() -> Row:
     """Who waits until a clock that was set back tells the old time again holds the force."""
     schedule = Schedule(device(RATE))
     x = np.full(4000, 2.0)
-    schedule.feed(Block(0, x[:, None], np.ones((x.size, 1), np.bool_), last=True))
+    schedule.feed(FrameBlock(0, x[:, None], np.ones((x.size, 1), np.bool_), last=True))
     hour = 3600 * 10**9
     sent = []
     for tick in range(4000):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from hapfmt.encoder.glitches import without_glitches
+from hapfmt.encoder.plan import without_glitches
 from hapfmt.encoder.split import low_pass
 
 from .filters import butterworth

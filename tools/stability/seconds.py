@@ -11,9 +11,9 @@ import numpy as np
 
 import hapfmt
 from hapfmt import Calibration, Channel, ClockObservation, Span
-from hapfmt.clocks import fit_clock
 from hapfmt.errors import ParameterError
-from hapfmt.reading.seconds import tick_range
+from hapfmt.reading.clocks import fit_clock
+from hapfmt.reading.packets import tick_range
 
 from .row import Row, at_least, at_most, compared, exactly
 from .signals import RATE, Samples, file_of, generator, texture

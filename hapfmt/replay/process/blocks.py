@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames import Block, Frame
-from .messages import MessageError
+from ..frames import Frame, FrameBlock
+from .pipes import MessageError
 
 BLOCK = Struct("<qI?IH")
 """first, generation, last, samples, actuators; then values (float64), then known (bytes)."""
@@ -20,7 +20,7 @@ LOG = Struct("<IHH")
 """frames, samples of a frame, actuators; then, a frame: number, due, sent (ns), counts: int64."""
 
 
-def pack_block(block: Block) -> bytes:
+def pack_block(block: FrameBlock) -> bytes:
     samples, actuators = block.values.shape
     head = BLOCK.pack(block.first, block.generation, block.last, samples, actuators)
     return b"".join(
@@ -28,7 +28,7 @@ def pack_block(block: Block) -> bytes:
     )
 
 
-def parse_block(payload: bytes) -> Block:
+def parse_block(payload: bytes) -> FrameBlock:
     if len(payload) < BLOCK.size:
         raise MessageError("a block without its head")
     first, generation, last, samples, actuators = BLOCK.unpack_from(payload)
@@ -37,10 +37,10 @@ def parse_block(payload: bytes) -> Block:
         raise MessageError(f"a block of {samples} x {actuators} values in {len(payload)} bytes")
     values = np.frombuffer(payload, "<f8", size, BLOCK.size).reshape(shape)
     known = np.frombuffer(payload, np.uint8, size, BLOCK.size + 8 * size).reshape(shape)
-    return Block(first, values, known.astype(bool), generation, last)
+    return FrameBlock(first, values, known.astype(bool), generation, last)
 
 
-def parts(block: Block, values: int = VALUES) -> Iterator[Block]:
+def parts(block: FrameBlock, values: int = VALUES) -> Iterator[FrameBlock]:
     """The block in pieces that are short enough for a message."""
     count, actuators = block.values.shape
     samples = max(values // max(actuators, 1), 1)

@@ -30,7 +30,7 @@ WINDOWS: dict[str, Key] = {
 LONGEST = max(map(len, BYTES))
 
 
-class Keys:
+class TerminalKeys:
     """In a ``with`` block the terminal gives each key at once and shows none; after it, and at any
     exit of the interpreter, it is as before. Where there is no terminal, no key comes."""
 
@@ -39,7 +39,7 @@ class Keys:
         self.before: Any = None
         self.waiting = b""
 
-    def __enter__(self) -> Keys:
+    def __enter__(self) -> TerminalKeys:
         if self.descriptor is None:
             with suppress(OSError, ValueError, AttributeError):
                 self.descriptor = sys.stdin.fileno()

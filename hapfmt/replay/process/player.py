@@ -2,28 +2,128 @@
 
 Nothing here waits without an end. Whatever is raised, the pipe to the writer closes, and a writer
 whose player has gone comes to rest by itself.
+
+Blocks ahead of their time: rendered in a thread, a second of them at most.
 """
 
 from __future__ import annotations
 
+import queue
 import subprocess
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
 from ...errors import HapfmtError, ParameterError
-from ..frames import Sink
+from ...reading.packets import Seconds
+from ..frames import FrameBlock, FrameSink
 from ..profile.model import Profile
 from ..profile.parse import parse_profile
-from .blocks import pack_block, parse_log
-from .children import Errors, descriptor, start
-from .clock import seconds
-from .feeding import Feed, Source
+from . import loop
+from .blocks import pack_block, parse_log, parts
+from .children import Errors, descriptor, seconds, start
 from .keys import Key
-from .messages import Kind, Message, MessageError, pack, pack_json
-from .pipes import inlet, outlet
+from .loop import Signals
+from .pipes import Kind, Message, MessageError, inlet, outlet, pack, pack_json
 from .report import ReplayReport
-from .virtual import Signals
+
+WAITING = 32
+"""Blocks of some 50 ms each."""
+
+
+class PlayPosition(Protocol):
+    """Which time through the recording, and where in it."""
+
+    @property
+    def loop(self) -> int: ...
+
+    @property
+    def seconds(self) -> Seconds | None: ...
+
+
+class SeekableSource(loop.FrameSource, Protocol):
+    """A Renderer that seeks."""
+
+    def blocks(
+        self, first: int = 0, generation: int = 0, at: Seconds | None = None, loop: int = 0
+    ) -> Iterator[FrameBlock]: ...
+
+    def position(self, sample: int) -> PlayPosition: ...
+
+
+class Feeding:
+    """One generation: what is played from one position on. ``error``: what ended it early."""
+
+    def __init__(
+        self,
+        source: SeekableSource,
+        actuators: int,
+        generation: int = 0,
+        at: Seconds | None = None,
+        loop: int = 0,
+        before: Feeding | None = None,
+    ) -> None:
+        self.source, self.generation, self.at, self.loop = source, generation, at, loop
+        self.actuators = actuators
+        self.ready: queue.Queue[FrameBlock] = queue.Queue(WAITING)
+        self.head: FrameBlock | None = None
+        self.begun = False
+        """What the source says of positions is about this generation."""
+        self.halted = threading.Event()
+        self.error: BaseException | None = None
+        self.thread = threading.Thread(target=self.run, args=(before,), daemon=True)
+        self.thread.start()
+
+    def run(self, before: Feeding | None) -> None:
+        if before is not None:
+            before.halt()
+            before.thread.join()
+        stop = 0
+        try:
+            for block in self.source.blocks(0, self.generation, self.at, self.loop):
+                self.begun = True
+                for part in parts(block):
+                    if not self.put(part):
+                        return
+                stop = block.first + len(block.values)
+                if block.last:
+                    return
+        except BaseException as error:
+            self.error = error
+        shape = (0, self.actuators)
+        nothing = FrameBlock(
+            stop, np.zeros(shape), np.zeros(shape, bool), self.generation, last=True
+        )
+        self.put(nothing)
+
+    def put(self, block: FrameBlock) -> bool:
+        """Waits for room; False once nobody wants it."""
+        while not self.halted.is_set():
+            try:
+                self.ready.put(block, timeout=0.05)
+                return True
+            except queue.Full:
+                continue
+        return False
+
+    def take(self, before: int) -> FrameBlock | None:
+        """The next block, if it is there and begins earlier than sample ``before``."""
+        if self.head is None:
+            try:
+                self.head = self.ready.get_nowait()
+            except queue.Empty:
+                return None
+        if self.head.first >= before:
+            return None
+        block, self.head = self.head, None
+        return block
+
+    def halt(self) -> None:
+        self.halted.set()
+
 
 AHEAD_S = 1.0
 """More than this the writer never has before it."""
@@ -43,7 +143,7 @@ END_S = 5.0
 """For a process that has said all."""
 
 
-class Status(NamedTuple):
+class PlayerStatus(NamedTuple):
     position_s: float
     """In the file."""
     state: str
@@ -65,13 +165,13 @@ class Patient(Signals):
 
 
 def play(
-    renderer: Source,
+    renderer: SeekableSource,
     profile: Profile,
     sink_config: dict[str, Any],
     *,
     gain: float | None = None,
-    record: Sink | None = None,
-    on_status: Callable[[Status], None] | None = None,
+    record: FrameSink | None = None,
+    on_status: Callable[[PlayerStatus], None] | None = None,
     keys: Keyboard | None = None,
     watchdog: bool = True,
     heartbeat_s: float | None = None,
@@ -117,10 +217,10 @@ def play(
 class Player:
     def __init__(
         self,
-        renderer: Source,
+        renderer: SeekableSource,
         profile: Profile,
-        record: Sink | None,
-        on_status: Callable[[Status], None] | None,
+        record: FrameSink | None,
+        on_status: Callable[[PlayerStatus], None] | None,
         keys: Keyboard | None,
         signals: Signals,
     ) -> None:
@@ -131,7 +231,7 @@ class Player:
         self.errors = Errors(self.writer.stderr)
         self.source = inlet(descriptor(self.writer.stdout))
         self.target = outlet(descriptor(self.writer.stdin))
-        self.feed = Feed(renderer, len(profile.actuators))
+        self.feed = Feeding(renderer, len(profile.actuators))
         self.realtime: dict[str, str] = {}
         self.ready = self.started = self.stopped = self.paused = False
         self.fed = self.played = self.loop = 0
@@ -235,7 +335,7 @@ class Player:
         """On with another place of the file; the writer ramps down first."""
         before = self.feed
         self.position_s = max(to_s, 0.0)
-        self.feed = Feed(
+        self.feed = Feeding(
             self.renderer,
             before.actuators,
             before.generation + 1,
@@ -276,7 +376,7 @@ class Player:
             self.status_at = now
             told = self.status
             self.on_status(
-                Status(
+                PlayerStatus(
                     self.position(),
                     told["state"],
                     told["sent"],

@@ -1,7 +1,11 @@
-"""What a replay was: counts, lateness, what was not played, how it ended (SPEC 13, PLY-008)."""
+"""What a replay was: counts, lateness, what was not played, how it ended (SPEC 13, PLY-008).
+
+How late frames were: percentiles of any number of times, in a few kilobytes.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
@@ -58,3 +62,76 @@ class ReplayReport:
 
     def to_json(self) -> dict[str, Any]:
         return {**asdict(self), "exit_code": self.exit_code}
+
+
+OCTAVE = 64
+"""Classes from 2^k to 2^(k+1) nanoseconds: a percentile is at most 1/64 too large, never too
+small. Below 128 ns, and for the largest of all, it is exact."""
+LIMIT = 2**63 - 1
+CLASSES = 58 * OCTAVE
+"""Of all times up to LIMIT, about 292 years."""
+
+
+def class_of(time_ns: int) -> int:
+    shift = max(0, time_ns.bit_length() - OCTAVE.bit_length())
+    return shift * OCTAVE + (time_ns >> shift)
+
+
+def largest_of(index: int) -> int:
+    """The largest time of a class."""
+    if index < 2 * OCTAVE:
+        return index
+    shift = index // OCTAVE - 1
+    return ((index - shift * OCTAVE + 1) << shift) - 1
+
+
+class Lateness:
+    """Times in nanoseconds; one that is negative counts as 0, one above LIMIT as LIMIT."""
+
+    def __init__(self) -> None:
+        self._classes: dict[int, int] = {}
+        self.count = 0
+        self.max = 0
+
+    def add(self, time_ns: int) -> None:
+        time_ns = min(max(time_ns, 0), LIMIT)
+        index = class_of(time_ns)
+        self._classes[index] = self._classes.get(index, 0) + 1
+        self.count += 1
+        self.max = max(self.max, time_ns)
+
+    def merge(self, other: Lateness) -> None:
+        """As if all that ``other`` was given had been given to this."""
+        for index, count in other._classes.items():
+            self._classes[index] = self._classes.get(index, 0) + count
+        self.count += other.count
+        self.max = max(self.max, other.max)
+
+    def percentiles(self, per_mille: Iterable[int] = (500, 990, 999)) -> tuple[int, ...]:
+        """The least time such that so many thousandths of all are no longer; 0 of none."""
+        found = []
+        order = sorted(self._classes)
+        for wanted in per_mille:
+            rank = -(-self.count * wanted // 1000)
+            value = 0
+            for index in order:
+                rank -= self._classes[index]
+                if rank <= 0:
+                    value = min(largest_of(index), self.max)
+                    break
+            found.append(value)
+        return tuple(found)
+
+    def to_json(self) -> dict[str, object]:
+        """All of it, to be sent to another process and merged there."""
+        return {"max": self.max, "classes": [list(item) for item in sorted(self._classes.items())]}
+
+    @classmethod
+    def from_json(cls, value: dict[str, object]) -> Lateness:
+        found = cls()
+        classes = value["classes"]
+        assert isinstance(classes, list) and isinstance(value["max"], int)
+        found._classes = {int(index): int(count) for index, count in classes}
+        found.count = sum(found._classes.values())
+        found.max = value["max"]
+        return found

@@ -9,6 +9,8 @@ them. It does not ramp: it knows nothing of the force, only that nobody holds it
 The first one comes ``heartbeat_s`` after the last beat of a writer that hangs, and a few
 milliseconds after the death of one that is killed: 3.4 ms, at most 6.7 ms of 20 (two cores with
 twice as much to do, SCHED_FIFO; 5.3 ms and 23 ms without).
+
+The watchdog, as the writer sees it.
 """
 
 from __future__ import annotations
@@ -17,18 +19,29 @@ import faulthandler
 import json
 import os
 import signal
+import subprocess
 import sys
 import time
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from ...errors import HapfmtError
-from ..frames import Frame, Sink
+from ...errors import DeviceError, HapfmtError
+from ..frames import Frame, FrameSink
 from ..sinks import open_sink
-from . import realtime
-from .clock import seconds
-from .messages import Kind, Message, MessageError, pack_json, reports_of
-from .pipes import Inlet, Outlet, inlet, outlet
+from . import children
+from .children import clock, descriptor, seconds, start
+from .pipes import (
+    Inlet,
+    Kind,
+    Message,
+    MessageError,
+    Outlet,
+    inlet,
+    outlet,
+    pack,
+    pack_json,
+    reports_of,
+)
 
 SETUP_S = 10.0
 """The writer has so long to say what is to be done."""
@@ -38,7 +51,7 @@ LONGEST_S = 30.0
 """After tripping, whatever becomes of the writer."""
 
 
-class Setup(NamedTuple):
+class WatchdogSetup(NamedTuple):
     sink: dict[str, Any]
     neutral: tuple[tuple[Any, ...], ...]
     """The reports of as many neutral frames as are to be sent."""
@@ -48,7 +61,7 @@ class Setup(NamedTuple):
     realtime: bool
 
     @classmethod
-    def of(cls, message: Message) -> Setup:
+    def of(cls, message: Message) -> WatchdogSetup:
         return cls(
             message.field("sink", dict),
             tuple(reports_of(reports) for reports in message.field("neutral", list)),
@@ -60,7 +73,7 @@ class Setup(NamedTuple):
 
 class Watchdog:
     def __init__(
-        self, setup: Setup, sink: Sink, source: Inlet, target: Outlet, asked: list[int]
+        self, setup: WatchdogSetup, sink: FrameSink, source: Inlet, target: Outlet, asked: list[int]
     ) -> None:
         self.setup, self.sink, self.source, self.target = setup, sink, source, target
         self.beat_at = seconds()
@@ -155,7 +168,7 @@ def main() -> int:
     source, target = inlet(0), outlet(1)
     asked = signals()
     try:
-        setup = Setup.of(first_message(source, Kind.SETUP, SETUP_S))
+        setup = WatchdogSetup.of(first_message(source, Kind.SETUP, SETUP_S))
         if not setup.neutral:
             raise MessageError("no neutral frame")
         sink = open_sink(setup.sink)
@@ -164,7 +177,7 @@ def main() -> int:
         target.drain(1.0)
         return error.exit_code if isinstance(error, HapfmtError) else 1
     # Above the writer: one that spins for ever must not keep its watchdog from running.
-    got = realtime.apply(realtime.PRIORITY + 1) if setup.realtime else realtime.nothing()
+    got = children.apply(children.PRIORITY + 1) if setup.realtime else children.nothing()
     target.send(pack_json(Kind.READY, realtime=got))
     try:
         Watchdog(setup, sink, source, target, asked).run()
@@ -198,3 +211,101 @@ def first_message(source: Inlet, kind: Kind, within_s: float) -> Message:
 
 if __name__ == "__main__":
     sys.exit(main())
+
+
+READY_S = 10.0
+"""To open the device a second time."""
+BEAT_NS = 10_000_000
+SILENT_NS = 2_000_000_000
+"""A watchdog of which nothing was heard for so long watches no more."""
+BEAT = pack(Kind.BEAT)
+
+
+class Guard:
+    """``state`` is what the report says of it: empty while all is well."""
+
+    def __init__(self) -> None:
+        self.process = start("watchdog")
+        self.source = inlet(descriptor(self.process.stdout))
+        self.target = outlet(descriptor(self.process.stdin))
+        self.beat_ns = self.heard_ns = 0
+        self.heartbeat_ns = 0
+        self.realtime: dict[str, str] = {}
+        self.state = ""
+        self.tripped = False
+        self.ended = False
+        self.asked: int | None = None
+        """The signal that asked it to end."""
+
+    def begin(self, heartbeat_s: float, **setup: Any) -> None:
+        """Waits until it has its own handle; from then on it must hear us. Raises DeviceError."""
+        self.heartbeat_ns = round(heartbeat_s * 1e9)
+        self.target.send(pack_json(Kind.SETUP, heartbeat_s=heartbeat_s, **setup))
+        self.target.drain(1.0)
+        try:
+            answer = first_message(self.source, Kind.READY, READY_S).fields()
+        except MessageError as error:
+            raise DeviceError(f"the watchdog did not begin: {error}") from None
+        if "error" in answer:
+            raise DeviceError(f"the watchdog cannot open the device too: {answer['error']}")
+        self.realtime = answer["realtime"]
+        self.heard_ns = clock()
+        self.beat(self.heard_ns)
+
+    def beat(self, now_ns: int) -> None:
+        if not self.ended:
+            self.target.send(BEAT)
+            self.beat_ns = now_ns
+
+    def due(self, now_ns: int) -> bool:
+        return now_ns - self.beat_ns >= BEAT_NS
+
+    def left_alone(self, now_ns: int) -> bool:
+        """Whether it may have tripped by now: what is sent from here on is neutral."""
+        return self.tripped or (not self.ended and now_ns - self.beat_ns >= self.heartbeat_ns)
+
+    def listen(self, now_ns: int) -> None:
+        """What it has said since."""
+        if self.ended:
+            return
+        try:
+            while (message := self.source.take()) is not None:
+                self.heard_ns = now_ns
+                self.hear(message)
+        except MessageError as error:
+            self.ended, self.state = True, f"ended: {error}"
+        if self.source.ended or self.target.broken:
+            self.ended, self.state = True, self.state or "ended: it has died"
+        elif now_ns - self.heard_ns > SILENT_NS and not self.left_alone(now_ns):
+            # Else we were stalled ourselves, and it may not yet have had its turn again.
+            self.ended, self.state = True, self.state or "ended: it is silent"
+
+    def hear(self, message: Message) -> None:
+        if message.kind is Kind.TRIPPED:
+            self.tripped = True
+            self.state = f"tripped: {message.field('cause', str)}"
+        elif message.kind is Kind.GOODBYE:
+            self.asked = message.field("signal", int)
+
+    def goodbye(self) -> None:
+        """We end, and well."""
+        if self.heartbeat_ns:
+            self.listen(clock())
+        self.state = self.state or ("stood by" if self.heartbeat_ns else "none")
+        if not self.target.broken:
+            self.target.send(pack(Kind.GOODBYE))
+        self.target.drain(1.0)
+
+    def end(self, seconds: float = 5.0) -> None:
+        """Waits for its process, so long at most."""
+        self.target.close()
+        for pipe in (self.process.stdin, self.process.stdout):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+        try:
+            self.process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            with suppress(OSError):
+                os.write(2, b"the watchdog did not end, and was killed\n")

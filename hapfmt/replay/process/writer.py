@@ -12,11 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...errors import DeviceError, HapfmtError
 from ..sinks import open_sink
-from . import realtime
-from .guard import Guard
-from .messages import Kind, Message, pack_json, reports_json
-from .pipes import Inlet, Outlet, inlet, outlet
-from .watchdog import first_message, signals
+from . import children
+from .pipes import Inlet, Kind, Message, Outlet, inlet, outlet, pack_json, reports_json
+from .watchdog import Guard, first_message, signals
 
 if TYPE_CHECKING:
     from ..profile.model import Profile
@@ -26,7 +24,7 @@ PERIOD_S = 0.002, 0.02
 """From one neutral frame of the watchdog to the next: that of the device, within these."""
 
 
-class Setup(NamedTuple):
+class WriterSetup(NamedTuple):
     profile: str
     """The TOML of it."""
     name: str
@@ -38,7 +36,7 @@ class Setup(NamedTuple):
     log: bool
 
     @classmethod
-    def of(cls, message: Message) -> Setup:
+    def of(cls, message: Message) -> WriterSetup:
         kinds = {"profile": str, "name": str, "sink": dict, "gain": float, "heartbeat_s": float}
         flags = dict.fromkeys(("watchdog", "realtime", "log"), bool)
         return cls(**{name: message.field(name, kind) for name, kind in (kinds | flags).items()})
@@ -48,7 +46,7 @@ def main() -> int:
     source, target, asked = inlet(0), outlet(1), signals()
     guard: Guard | None = None
     try:
-        setup = Setup.of(first_message(source, Kind.SETUP, SETUP_S))
+        setup = WriterSetup.of(first_message(source, Kind.SETUP, SETUP_S))
         # It begins while we import what is heavy.
         guard = Guard() if setup.watchdog else None
         report = write(setup, guard, source, target, asked)
@@ -72,17 +70,17 @@ def main() -> int:
 
 
 def write(
-    setup: Setup, guard: Guard | None, source: Inlet, target: Outlet, asked: list[int]
+    setup: WriterSetup, guard: Guard | None, source: Inlet, target: Outlet, asked: list[int]
 ) -> dict[str, Any]:
     """From the opening of the device to its closing: what the report says of it."""
     from ..profile.parse import parse_profile
-    from .loop import Loop
+    from .loop import FrameLoop
 
     profile = parse_profile(setup.profile, setup.name)
     sink = open_sink(setup.sink, profile)
     warm_up(profile)
-    got = realtime.apply() if setup.realtime else realtime.nothing()
-    loop = Loop(profile, setup.gain, sink, source, target, asked, log=setup.log)
+    got = children.apply() if setup.realtime else children.nothing()
+    loop = FrameLoop(profile, setup.gain, sink, source, target, asked, log=setup.log)
     try:
         if profile.init:
             loop.aside(profile.init)
@@ -110,14 +108,14 @@ def warm_up(profile: Profile) -> None:
     """What a frame needs was used once before the first: pages, caches, modules."""
     import numpy as np
 
-    from ..frames import Block
+    from ..frames import FrameBlock
     from ..profile.packing import Packer
     from ..schedule import Schedule
     from .blocks import Sent, pack_block, pack_log, parse_block
 
     shape = (64 * profile.timing.frame_samples, len(profile.actuators))
     schedule, packer = Schedule(profile), Packer(profile)
-    block = Block(0, np.zeros(shape), np.ones(shape, bool), last=True)
+    block = FrameBlock(0, np.zeros(shape), np.ones(shape, bool), last=True)
     schedule.feed(parse_block(pack_block(block)))
     while (frame := schedule.frames_due(schedule.next_ns)) is not None:
         packer.pack(frame)

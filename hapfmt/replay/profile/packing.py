@@ -1,18 +1,87 @@
-"""Counts -> the reports of a frame. Planned once, so that a frame costs few steps."""
+"""Counts -> the reports of a frame. Planned once, so that a frame costs few steps.
+
+Functions that turn counts into bytes, for devices whose fields are not plain integers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from itertools import chain, count
+from math import log2
 from operator import itemgetter, sub
 from struct import Struct
+from typing import NamedTuple
 from zlib import crc32
 
 from ...errors import ParameterError
 from ..frames import Frame
-from .layout import Const, Counter, Crc32, Layout, Mapped, One, Samples
-from .maps import MAPS
-from .model import Profile, Report
+from .model import Const, Counter, Crc32, HidReport, Mapped, One, Profile, ReportLayout, Samples
+
+Values = tuple[float, ...]
+"""What an actuator's counts stand for, from its lowest count to its highest."""
+Packed = Callable[[tuple[int, ...]], bytes]
+"""Places in those tables, one for each actuator -> bytes."""
+
+
+class Map(NamedTuple):
+    actuators: tuple[str, ...]
+    """What the actuators stand for, in order."""
+    size: int
+    low: float
+    high: float
+    """Values that it takes."""
+    make: Callable[[tuple[Values, ...], Mapping[str, float]], Packed]
+
+
+AMPLITUDE_CEILING = 100
+"""Index of the largest amplitude that does the actuators no harm: HA 0xC8, LA 0x72."""
+LOW_AMPLITUDES = (0.0, 0.007843, *(0.011823 * 2 ** (n / 4) for n in range(14)), 0.117471)
+"""What the indices 0 to 16 stand for (rumble_data_table.md, as all numbers here)."""
+
+
+def rumble_amplitude(value: float) -> int:
+    """The index of an amplitude, 1.0 being the largest: never above the ceiling."""
+    if value > 0.23:
+        return min(round(32 * log2(8.7 * value)), AMPLITUDE_CEILING)
+    if value > 0.12:
+        return round(16 * log2(17 * value))
+    return min(range(len(LOW_AMPLITUDES)), key=lambda index: abs(LOW_AMPLITUDES[index] - value))
+
+
+def rumble_frequency(hertz: float) -> int:
+    return round(32 * log2(hertz / 10))
+
+
+def hd_rumble(values: tuple[Values, ...], options: Mapping[str, float]) -> Packed:
+    """Amplitudes of the high and the low band at fixed frequencies -> four bytes."""
+    high = (rumble_frequency(options["high_hz"]) - 0x60) * 4
+    low = rumble_frequency(options["low_hz"]) - 0x40
+    heads = [
+        bytes([high & 0xFF, (high >> 8) + 2 * index]) for index in map(rumble_amplitude, values[0])
+    ]
+    tails = [
+        bytes([low + 0x80 * (index & 1), (index >> 1) + 0x40])
+        for index in map(rumble_amplitude, values[1])
+    ]
+
+    def pack(places: tuple[int, ...]) -> bytes:
+        return heads[places[0]] + tails[places[1]]
+
+    return pack
+
+
+MAPS = {
+    "hd-rumble": Map(
+        actuators=("amplitude of the high band", "amplitude of the low band"),
+        size=4,
+        low=0.0,
+        high=1.0,
+        make=hd_rumble,
+    )
+}
+MOST_COUNTS = 1 << 16
+"""Of an actuator that a map takes: its table has an entry for each."""
+
 
 Counts = tuple[tuple[int, ...], ...]
 Step = Callable[[bytearray, Counts], None]
@@ -32,7 +101,7 @@ class Packer:
         rest = tuple(limits.rest for limits in profile.count_limits)
         self._rest = (rest,) * profile.timing.frame_samples
 
-    def pack(self, frame: Frame) -> tuple[Report, ...]:
+    def pack(self, frame: Frame) -> tuple[HidReport, ...]:
         """The last gate before the device: a count beyond its limits is refused."""
         if len(frame.counts) != len(self._rest):
             raise ParameterError(f"a frame has {len(self._rest)} samples, not {len(frame.counts)}")
@@ -47,21 +116,23 @@ class Packer:
                     )
         return self._pack(frame.counts)
 
-    def neutral(self) -> tuple[Report, ...]:
+    def neutral(self) -> tuple[HidReport, ...]:
         """What puts every actuator to rest."""
         return self.profile.neutral or self.at_rest()
 
-    def at_rest(self) -> tuple[Report, ...]:
+    def at_rest(self) -> tuple[HidReport, ...]:
         return self._pack(self._rest)
 
-    def _pack(self, counts: Counts) -> tuple[Report, ...]:
+    def _pack(self, counts: Counts) -> tuple[HidReport, ...]:
         return tuple([report.pack(counts) for report in self._reports])
 
 
 class _Plan:
     """One report: what never changes, and the steps for the rest."""
 
-    def __init__(self, profile: Profile, layout: Layout, shared: dict[str, Iterator[int]]) -> None:
+    def __init__(
+        self, profile: Profile, layout: ReportLayout, shared: dict[str, Iterator[int]]
+    ) -> None:
         self.path = layout.path
         self.template = bytearray(layout.length)
         self.template[0] = layout.id
@@ -76,14 +147,14 @@ class _Plan:
             *_sums(layout),
         ]
 
-    def pack(self, counts: Counts) -> Report:
+    def pack(self, counts: Counts) -> HidReport:
         data = self.template[:]
         for step in self.steps:
             step(data, counts)
-        return Report(self.path, bytes(data))
+        return HidReport(self.path, bytes(data))
 
 
-def _counters(layout: Layout, shared: dict[str, Iterator[int]]) -> Iterator[Step]:
+def _counters(layout: ReportLayout, shared: dict[str, Iterator[int]]) -> Iterator[Step]:
     for field in layout.fields:
         if isinstance(field, Counter):
             yield _counter(field, shared)
@@ -100,7 +171,7 @@ def _counter(field: Counter, shared: dict[str, Iterator[int]]) -> Step:
     return step
 
 
-def _ones(profile: Profile, layout: Layout) -> Iterator[Step]:
+def _ones(profile: Profile, layout: ReportLayout) -> Iterator[Step]:
     """Fields that follow one another are packed at once."""
     fields = sorted((f for f in layout.fields if isinstance(f, One)), key=lambda f: f.at)
     run: list[One] = []
@@ -138,7 +209,7 @@ def _picker(
     return itemgetter(*places)
 
 
-def _samples(profile: Profile, layout: Layout) -> Iterator[Step]:
+def _samples(profile: Profile, layout: ReportLayout) -> Iterator[Step]:
     for field in layout.fields:
         if isinstance(field, Samples):
             yield _interleaved(profile, field)
@@ -155,7 +226,7 @@ def _interleaved(profile: Profile, field: Samples) -> Step:
     return step
 
 
-def _mapped(profile: Profile, layout: Layout) -> Iterator[Step]:
+def _mapped(profile: Profile, layout: ReportLayout) -> Iterator[Step]:
     for field in layout.fields:
         if isinstance(field, Mapped):
             yield _function(profile, field)
@@ -182,7 +253,7 @@ def _function(profile: Profile, field: Mapped) -> Step:
     return step
 
 
-def _sums(layout: Layout) -> Iterator[Step]:
+def _sums(layout: ReportLayout) -> Iterator[Step]:
     for field in layout.fields:
         if isinstance(field, Crc32):
             yield _sum(field)

@@ -1,20 +1,196 @@
-"""One channel for one actuator: decoded packets -> values at the samples of the device."""
+"""One channel for one actuator: decoded packets -> values at the samples of the device.
+
+Device samples -> places on a channel's grid of ticks, in exact rational arithmetic.
+
+Resampling kernels: which value a channel has between its ticks (docs/spec/players.md).
+
+``ratio`` is rate of the channel times speed by rate of the device; p = max(1, ratio) is the width
+of a kernel in ticks, so that what the device cannot render is taken away before it folds back. x is
+the distance of a tick from the place asked for, in ticks.
+"""
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from fractions import Fraction
+from math import ceil, lcm, nextafter
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...reading.pieces import Piece
-from ...reading.reconstruct import sum_of
+from ...reading.channels import sum_of
+from ...reading.decoder import DecodedPiece
 from ...recording import Calibration, Span, spans_of
-from .grid import Places
-from .kernels import Kernel, Values
-from .stream import Queue
+from .stream import PacketQueue
+
+WIDE = 1 << 62
+"""Sums below are taken in 64 bits."""
+NOWHERE = 1 << 60
+"""A tick that nothing covers: ticks end at 2^48."""
+BELOW_ONE = nextafter(1.0, 0.0)
+
+
+class Places(NamedTuple):
+    """Sample i lies ``phases[i]`` (0 <= phase < 1) of a tick behind tick ``ticks[i]``."""
+
+    ticks: NDArray[np.int64]
+    phases: NDArray[np.float64]
+
+
+class DeviceGrid:
+    """Device sample n lies at ``start + n * step`` seconds, which is that times ``rate`` in ticks.
+
+    Each sample is computed from its number, by integers, so that nothing adds up: ten hours in,
+    the tick is the right one and the phase is rounded once.
+    """
+
+    def __init__(self, start: Fraction, step: Fraction, rate: Fraction) -> None:
+        first, stride = start * rate, step * rate
+        self.unit = lcm(first.denominator, stride.denominator)
+        self.first = int(first * self.unit)
+        self.stride = int(stride * self.unit)
+
+    def tick(self, number: int) -> int:
+        """The last tick that is not behind this sample."""
+        return (self.first + number * self.stride) // self.unit
+
+    def places(self, number: int, count: int) -> Places:
+        """Of ``count`` samples from this one on."""
+        tick, rest = divmod(self.first + number * self.stride, self.unit)
+        if max(rest + count * self.stride, self.unit) < WIDE and tick < NOWHERE // 2:
+            parts = rest + np.arange(count, dtype=np.int64) * self.stride
+            ticks, rests = np.divmod(parts, self.unit)
+            if self.unit <= 1 << 53:
+                return Places(tick + ticks, rests / float(self.unit))
+            return Places(tick + ticks, self.divided(rests.tolist()))
+        pairs = [divmod(rest + i * self.stride, self.unit) for i in range(count)]
+        far = [min(tick + ticks, NOWHERE) for ticks, _ in pairs]
+        return Places(np.array(far, np.int64), self.divided([rest for _, rest in pairs]))
+
+    def divided(self, rests: list[int]) -> NDArray[np.float64]:
+        return np.array([min(rest / self.unit, BELOW_ONE) for rest in rests], np.float64)
+
+
+def samples_in(seconds: Fraction, step: Fraction) -> int:
+    """Device samples n with ``0 <= n * step < seconds``."""
+    return max(ceil(seconds / step), 0)
+
+
+Shape = Literal["linear", "band-limited", "bounded"]
+
+LOBES = 16
+"""Zeros of the sinc on each side."""
+BETA = 8.0
+"""Of the Kaiser window."""
+AT_ONCE = 1 << 15
+"""Products that are held at a time: as a cache of the processor does."""
+LARGE = 2.0**8
+"""Sums of the largest doubles may not be finite on the way to a result that is; of these they
+are."""
+TABLES = 32
+"""Tables of weights that a kernel keeps: places come again and again."""
+
+Values = NDArray[np.float64]
+
+
+@dataclass(eq=False)
+class Kernel:
+    """Weights of ``2 * half`` ticks: of tick k, the last that is not behind the place, with the
+    ``half - 1`` before it and the ``half`` after it."""
+
+    shape: Shape
+    ratio: Fraction
+    half: int
+    tables: OrderedDict[bytes, Values] = field(default_factory=OrderedDict, repr=False)
+
+    @property
+    def width(self) -> Fraction:
+        return max(self.ratio, Fraction(1))
+
+    @property
+    def name(self) -> str:
+        """As reports call it: with its width in ticks, where that is not 1."""
+        return self.shape if self.ratio <= 1 else f"{self.shape} ({float(self.ratio):.6g} ticks)"
+
+    def weights(self, phases: Values) -> Values:
+        """[places, 2 * half]; each row adds up to 1."""
+        x = np.arange(1 - self.half, self.half + 1) - phases[:, None]
+        if self.shape == "linear":
+            return np.asarray(np.maximum(self.half - np.abs(x), 0.0) / self.half**2)
+        u = x / float(self.width)
+        inside = np.maximum(1.0 - (u / LOBES) ** 2, 0.0)
+        w = np.sinc(u) * np.where(inside > 0, np.i0(BETA * np.sqrt(inside)), 0.0)
+        return np.asarray(w / w.sum(axis=1, keepdims=True))
+
+    def table(self, phases: Values) -> tuple[Values, NDArray[np.intp]]:
+        """Weights of the different phases, and which of them each place has."""
+        distinct, which = np.unique(phases, return_inverse=True)
+        key = distinct.tobytes()
+        found = self.tables.get(key)
+        if found is None:
+            found = self.tables[key] = self.weights(distinct)
+            if len(self.tables) > TABLES:
+                self.tables.popitem(last=False)
+        else:
+            self.tables.move_to_end(key)
+        return found, which
+
+    def apply(self, around: Values, first: int, ticks: NDArray[np.int64], phases: Values) -> Values:
+        """Values at places [m]; ``around``: of all ticks from ``first`` on that they need."""
+        if self.width == 1 and not phases.any():
+            # On a tick the value is that of the tick, bit for bit.
+            return around[ticks - first]
+        out = np.empty(len(ticks))
+        starts = ticks - first - (self.half - 1)
+        windows = np.lib.stride_tricks.sliding_window_view(around, 2 * self.half)
+        for rows in parts(len(ticks), max(AT_ONCE // (2 * self.half), 1)):
+            out[rows] = self.blend(windows[starts[rows]], phases[rows])
+        if self.width == 1:
+            on = phases == 0
+            out[on] = around[(ticks - first)[on]]
+        return out
+
+    def blend(self, near: Values, phases: Values) -> Values:
+        """near [places, 2 * half]"""
+        table, which = self.table(phases)
+        weights = table[which] if len(table) > 1 else table
+        with np.errstate(over="ignore", invalid="ignore"):
+            out = (weights * near).sum(axis=1)
+            large = ~np.isfinite(out)
+            if large.any():
+                some = weights[large] if len(weights) > 1 else weights
+                out[large] = (some * (near[large] / LARGE)).sum(axis=1) * LARGE
+        if self.shape == "band-limited":
+            largest = np.finfo(np.float64).max
+            return np.asarray(np.clip(out, -largest, largest))
+        low, high = self.bounds(near, phases)
+        return np.asarray(np.clip(out, low, high))
+
+    def bounds(self, near: Values, phases: Values) -> tuple[Values, Values]:
+        """The lowest and the highest of the ticks less than a width away."""
+        reach = min(ceil(self.width), self.half)
+        columns = slice(self.half - reach, self.half + reach)
+        x = np.arange(1 - reach, reach + 1) - phases[:, None]
+        close = np.abs(x) < float(self.half if self.shape == "linear" else self.width)
+        values = near[:, columns]
+        low = np.where(close, values, np.inf).min(axis=1)
+        high = np.where(close, values, -np.inf).max(axis=1)
+        return low, high
+
+
+def parts(count: int, size: int) -> Iterator[slice]:
+    for start in range(0, count, size):
+        yield slice(start, min(start + size, count))
+
+
+def kernel(shape: Shape, ratio: Fraction) -> Kernel:
+    width = max(ratio, Fraction(1))
+    lobes = 1 if shape == "linear" else LOBES
+    return Kernel(shape, ratio, ceil(lobes * width))
+
 
 Band = Literal["full", "lf", "hf"]
 
@@ -63,13 +239,13 @@ class Meaning:
             return out + self.offset if self.offset else out
 
 
-class Feed:
+class ChannelResampler:
     """``base``: LF or full band, ``residual``: HF; each where the band needs it."""
 
     def __init__(
         self,
-        base: Queue | None,
-        residual: Queue | None,
+        base: PacketQueue | None,
+        residual: PacketQueue | None,
         band: Band,
         meaning: Meaning,
         kernel: Kernel,
@@ -82,7 +258,7 @@ class Feed:
         self.runs: list[Run] = []
 
     @property
-    def queues(self) -> list[Queue]:
+    def queues(self) -> list[PacketQueue]:
         return [queue for queue in (self.base, self.residual) if queue is not None]
 
     def take(self, tick: int) -> None:
@@ -97,8 +273,8 @@ class Feed:
                 self.add(piece.start, piece.numbers[:, self.meaning.index], piece)
 
     def sums(
-        self, base: Queue, residual: Queue | None, tick: int
-    ) -> Iterator[tuple[int, NDArray[np.generic], Piece]]:
+        self, base: PacketQueue, residual: PacketQueue | None, tick: int
+    ) -> Iterator[tuple[int, NDArray[np.generic], DecodedPiece]]:
         """Full band: a track of its own, or d + e^ where both are there (DEC-001, DEC-003)."""
         index = self.meaning.index
         while base.pieces:
@@ -125,7 +301,7 @@ class Feed:
             if e_stop <= stop or (stop <= start and e_stop <= d_stop):
                 residual.pop()
 
-    def add(self, start: int, numbers: NDArray[np.generic], piece: Piece) -> None:
+    def add(self, start: int, numbers: NDArray[np.generic], piece: DecodedPiece) -> None:
         exact = None if piece.exact is None else piece.exact[:, self.meaning.index]
         values = self.meaning.values(numbers, exact, piece.track.number_format)
         if self.runs and self.runs[-1].stop == start:

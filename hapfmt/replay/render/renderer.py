@@ -9,24 +9,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...container.index import NS_LIMIT
-from ...container.track import Track
-from ...damage import lost_lines
 from ...errors import ParameterError
+from ...format.index import NS_LIMIT
+from ...format.track import Track
 from ...limits import TICK_LIMIT
 from ...numbers import exact
 from ...reading.catalogue import Catalogue, ChannelRef
-from ...reading.losses import LostSpan
+from ...reading.damage import LostSpan, lost_lines
+from ...reading.packets import Seconds
 from ...reading.reader import Reader
-from ...reading.seconds import Seconds
 from ...recording import Calibration
-from ..frames import Block
+from ..frames import FrameBlock
 from ..profile.model import Profile
 from .assign import Assignment, Route, name_of
-from .feed import Band, Feed, Meaning
-from .grid import Grid, samples_in
-from .kernels import Kernel, Shape, kernel
-from .stream import Queue, Source
+from .feed import Band, ChannelResampler, DeviceGrid, Kernel, Meaning, Shape, kernel, samples_in
+from .stream import PacketQueue, PacketSource
 
 BLOCK_S = Fraction(1, 20)
 BLOCK_TICKS = 1 << 18
@@ -41,12 +38,12 @@ SIDE_BY_SIDE_S = 2
 """Channels whose kernels look farther ahead than that are read in a pass of their own."""
 
 
-class Lane(NamedTuple):
+class RoutedChannel(NamedTuple):
     """A route on its way: what feeds it, and where the samples lie on its ticks."""
 
     route: Route
-    feed: Feed
-    grid: Grid
+    feed: ChannelResampler
+    grid: DeviceGrid
 
 
 class Position(NamedTuple):
@@ -95,7 +92,7 @@ class Renderer:
         self.join = 2 * ceil(exact(profile.timing.ramp_s) * self.rate)
         """Samples without signal between two times."""
         self.block_samples = self.samples_of_a_block()
-        self.source: Source | None = None
+        self.source: PacketSource | None = None
         self.past: dict[LostSpan, None] = {}
         whole = [r for r in self.routes if profile.actuators[r.actuator].band == "full"]
         refs = self.refs
@@ -190,14 +187,16 @@ class Renderer:
 
     def blocks(
         self, first: int = 0, generation: int = 0, at: Seconds | None = None, loop: int = 0
-    ) -> Iterator[Block]:
+    ) -> Iterator[FrameBlock]:
         """From sample ``first`` on, which lies at second ``at`` of the recording (None: at the
         start), in the given time through it; to the end of the last."""
         begin = self.start if at is None else max(exact(at), self.start)
         self.begun = first, begin, loop
         return self.all_from(first, generation, begin, loop)
 
-    def all_from(self, first: int, generation: int, begin: Fraction, loop: int) -> Iterator[Block]:
+    def all_from(
+        self, first: int, generation: int, begin: Fraction, loop: int
+    ) -> Iterator[FrameBlock]:
         while True:
             count = samples_in(self.stop - begin, self.step)
             final = loop + 1 == self.loops or samples_in(self.stop - self.start, self.step) == 0
@@ -223,19 +222,19 @@ class Renderer:
             loop, begin, count = loop + 1 + times, self.start, whole
         return Position(loop, begin + place * self.step if 0 <= place < count else None)
 
-    def silence(self, first: int, count: int) -> Block:
+    def silence(self, first: int, count: int) -> FrameBlock:
         rest = [actuator.rest for actuator in self.profile.actuators]
         values = np.tile(np.array(rest, np.float64), (count, 1))
-        return Block(first, values, np.zeros(values.shape, np.bool_))
+        return FrameBlock(first, values, np.zeros(values.shape, np.bool_))
 
-    def once(self, begin: Fraction, count: int) -> Iterator[Block]:
+    def once(self, begin: Fraction, count: int) -> Iterator[FrameBlock]:
         """``count`` samples, of which number 0 lies at ``begin``; one empty block of none."""
         if not count:
             yield self.silence(0, 0)
             return
         lanes = self.lanes(begin, count)
         groups = self.groups([lane.feed for lane in lanes])
-        self.source = source = Source(
+        self.source = source = PacketSource(
             self.reader, groups, lambda catalogue: self.rebind(lanes, catalogue)
         )
         try:
@@ -247,7 +246,9 @@ class Renderer:
             alone = [group[0] for group in source.groups if len(group) == 1]
             self.apart = {tuple(queue.tracks) for queue in alone}
 
-    def block(self, lanes: list[Lane], source: Source, number: int, count: int) -> Block:
+    def block(
+        self, lanes: list[RoutedChannel], source: PacketSource, number: int, count: int
+    ) -> FrameBlock:
         block = self.silence(number, count)
         for route, feed, grid in lanes:
             places = grid.places(number, count)
@@ -262,11 +263,11 @@ class Renderer:
             feed.drop(grid.tick(number + count) - feed.kernel.half + 1)
         return block
 
-    def lanes(self, begin: Fraction, count: int) -> list[Lane]:
+    def lanes(self, begin: Fraction, count: int) -> list[RoutedChannel]:
         refs, found = self.refs, []
         for route in self.routes:
             ref, shape = refs[route.channel], self.kernel_of(route)
-            grid = Grid(begin, self.step, ref.track.rate)
+            grid = DeviceGrid(begin, self.step, ref.track.rate)
             first = max(grid.tick(0) - shape.half + 1, 0)
             stop = grid.tick(count - 1) + shape.half + 1
             actuator = self.profile.actuators[route.actuator]
@@ -279,16 +280,20 @@ class Renderer:
                 actuator.offset,
             )
             low, high = (
-                Queue(tracks, ref.track.rate, stop, first) if tracks else None
+                PacketQueue(tracks, ref.track.rate, stop, first) if tracks else None
                 for tracks in (base, residual)
             )
-            found.append(Lane(route, Feed(low, high, actuator.band, meaning, shape), grid))
+            found.append(
+                RoutedChannel(
+                    route, ChannelResampler(low, high, actuator.band, meaning, shape), grid
+                )
+            )
         return found
 
-    def groups(self, feeds: list[Feed]) -> list[list[Queue]]:
+    def groups(self, feeds: list[ChannelResampler]) -> list[list[PacketQueue]]:
         """Queues that share a pass over the file; the first group is the large one."""
-        together: list[Queue] = []
-        alone: list[list[Queue]] = []
+        together: list[PacketQueue] = []
+        alone: list[list[PacketQueue]] = []
         for feed in feeds:
             for queue in feed.queues:
                 far = feed.kernel.half > SIDE_BY_SIDE_S * queue.rate
@@ -298,7 +303,7 @@ class Renderer:
                     together.append(queue)
         return [together, *alone]
 
-    def rebind(self, lanes: list[Lane], catalogue: Catalogue) -> None:
+    def rebind(self, lanes: list[RoutedChannel], catalogue: Catalogue) -> None:
         """The index was false: what belongs to a channel may be more, or less, or another."""
         refs = {ref.number: ref for ref in catalogue.channels}
         for route, feed, _ in lanes:

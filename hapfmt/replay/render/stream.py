@@ -14,13 +14,13 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import accumulate
 
-from ...container.track import Track
 from ...errors import FormatError
+from ...format.track import Track
 from ...reading.catalogue import Catalogue, ChunkRef
-from ...reading.losses import LostSpan
-from ...reading.pieces import Piece
+from ...reading.damage import LostSpan
+from ...reading.decoder import DecodedPiece
+from ...reading.packets import overlapping
 from ...reading.reader import Reader
-from ...reading.seconds import overlapping
 
 AHEAD = 1 << 19
 """Samples that tracks may hold at the end of a cluster, while one of them still has nothing."""
@@ -34,7 +34,7 @@ class NewCatalogueError(Exception):
 
 
 @dataclass(eq=False)
-class Queue:
+class PacketQueue:
     """Decoded packets of tracks that continue one another, in order of time: ticks [start, end)."""
 
     tracks: dict[int, Track]
@@ -42,11 +42,11 @@ class Queue:
     end: int
     stop: int
     """Ticks before it came, or never come."""
-    pieces: deque[Piece] = field(default_factory=deque)
+    pieces: deque[DecodedPiece] = field(default_factory=deque)
     held: int = 0
     """Ticks of the pieces."""
 
-    def put(self, piece: Piece) -> None:
+    def put(self, piece: DecodedPiece) -> None:
         late = self.stop - piece.start
         if late >= len(piece.numbers):
             return
@@ -57,16 +57,16 @@ class Queue:
         self.held += len(piece.numbers)
         self.stop = piece.start + len(piece.numbers)
 
-    def pop(self) -> Piece:
+    def pop(self) -> DecodedPiece:
         piece = self.pieces.popleft()
         self.held -= len(piece.numbers)
         return piece
 
 
-class Stream:
+class DecodingPass:
     """One pass over the file for some queues, from what they have to the end of their range."""
 
-    def __init__(self, reader: Reader, queues: Sequence[Queue]) -> None:
+    def __init__(self, reader: Reader, queues: Sequence[PacketQueue]) -> None:
         self.queues = list(queues)
         # A reader of its own: which spans are lost is known by pass. In one thread, the pass is
         # where its pieces are.
@@ -78,10 +78,10 @@ class Stream:
         """Passed so far."""
         self.frontier_ns = 0
         """Packets that are still to come start then or later."""
-        self.pieces: Iterator[Piece] | None = None
+        self.pieces: Iterator[DecodedPiece] | None = None
         self.ended = False
 
-    def complete(self, queue: Queue, tick: int) -> bool:
+    def complete(self, queue: PacketQueue, tick: int) -> bool:
         """Whether all that the file has of the queue before this tick is there."""
         if self.ended or queue.stop >= min(tick, queue.end):
             return True
@@ -107,7 +107,7 @@ class Stream:
             if piece.track.id in queue.tracks:
                 queue.put(piece)
 
-    def open(self) -> Iterator[Piece]:
+    def open(self) -> Iterator[DecodedPiece]:
         live = [queue for queue in self.queues if queue.stop < queue.end and queue.tracks]
         tracks = {id_: track for queue in live for id_, track in queue.tracks.items()}
         if not tracks:
@@ -141,7 +141,7 @@ def starts_of(refs: Sequence[ChunkRef]) -> list[int]:
     return list(accumulate([NEVER, *reversed(times)], min))[::-1]
 
 
-class Source:
+class PacketSource:
     """All passes that feed some queues, of which each group starts with one.
 
     ``rebind`` is called with what a file holds whose index proved false; it gives queues their
@@ -151,21 +151,21 @@ class Source:
     def __init__(
         self,
         reader: Reader,
-        groups: Sequence[Sequence[Queue]],
+        groups: Sequence[Sequence[PacketQueue]],
         rebind: Callable[[Catalogue], None],
     ) -> None:
         self.reader = reader
         self.rebind = rebind
-        self.streams: dict[Queue, Stream] = {}
+        self.streams: dict[PacketQueue, DecodingPass] = {}
         self.lists: list[list[LostSpan]] = []
         for queues in groups:
             self.start(queues)
 
-    def start(self, queues: Sequence[Queue]) -> None:
+    def start(self, queues: Sequence[PacketQueue]) -> None:
         if queues:
-            self.streams |= dict.fromkeys(queues, Stream(self.reader, queues))
+            self.streams |= dict.fromkeys(queues, DecodingPass(self.reader, queues))
 
-    def fill(self, queue: Queue, tick: int) -> None:
+    def fill(self, queue: PacketQueue, tick: int) -> None:
         """All of the queue that the file has before this tick."""
         before = self.streams[queue].clusters
         while not (stream := self.streams[queue]).complete(queue, tick):
@@ -183,7 +183,7 @@ class Source:
                 before = 0
             self.keep_lost(stream)
 
-    def keep_lost(self, stream: Stream) -> None:
+    def keep_lost(self, stream: DecodingPass) -> None:
         """Each pass over packets has a list of its own."""
         if all(stream.reader.lost is not known for known in self.lists):
             self.lists.append(stream.reader.lost)
@@ -201,7 +201,7 @@ class Source:
         return list(dict.fromkeys(span for spans in self.lists for span in spans))
 
     @property
-    def groups(self) -> list[list[Queue]]:
+    def groups(self) -> list[list[PacketQueue]]:
         """Queues that share a pass."""
         return [stream.queues for stream in dict.fromkeys(self.streams.values())]
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 from ...errors import ParameterError
 
 if TYPE_CHECKING:
-    from ..frames import Sink
+    from ..frames import FrameSink
     from ..profile.model import Profile
 
 
-def open_sink(config: dict[str, Any], profile: Profile | None = None) -> Sink:
+def open_sink(config: dict[str, Any], profile: Profile | None = None) -> FrameSink:
     """An open sink: ``config`` is JSON, its ``kind`` and what that kind takes.
 
     {"kind": "hid", "path": ...} and {"kind": "loopback", "file": ...}. A ``profile`` is held
@@ -20,13 +20,13 @@ def open_sink(config: dict[str, Any], profile: Profile | None = None) -> Sink:
     """
     options = dict(config)
     kind = options.pop("kind", None)
-    sink: Sink
+    sink: FrameSink
     if kind == "hid":
         from .hid import HidSink
 
         sink = HidSink(os.fsencode(options.pop("path")), profile, **options)
     elif kind == "loopback":
-        from .loopback import LoopbackSink
+        from .dry import LoopbackSink
 
         sink = LoopbackSink(**options)
     else:

@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import DeviceError, MissingExtraError, ParameterError
-from ..profile.descriptor import Descriptor, parse_descriptor
-from ..profile.matching import Device, check_fit, choose
+from ..profile.matching import Descriptor, SystemDevice, check_fit, choose, parse_descriptor
 
 if TYPE_CHECKING:
     from ..frames import Frame
-    from ..profile.model import Profile, Report
+    from ..profile.model import HidReport, Profile
 
 BUSES = {1: "usb", 2: "bluetooth", 3: "i2c", 4: "spi"}
 CLOSE_WAIT_S = 6.0
@@ -72,7 +71,7 @@ def told_by(handle: Any) -> str:
     return "" if text.lower() == "success" or "not implemented" in text else text
 
 
-def connected() -> list[Device]:
+def connected() -> list[SystemDevice]:
     """Every HID device, one entry for each of its top-level collections; none is opened."""
     try:
         found = hid_module().enumerate()
@@ -81,8 +80,8 @@ def connected() -> list[Device]:
     return [device_of(each) for each in found]
 
 
-def device_of(entry: dict[str, Any]) -> Device:
-    return Device(
+def device_of(entry: dict[str, Any]) -> SystemDevice:
+    return SystemDevice(
         path=entry["path"],
         vendor_id=entry["vendor_id"],
         product_id=entry["product_id"],
@@ -96,7 +95,7 @@ def device_of(entry: dict[str, Any]) -> Device:
     )
 
 
-def find(profile: Profile, path: str | bytes | None = None) -> Device:
+def find(profile: Profile, path: str | bytes | None = None) -> SystemDevice:
     """Of the devices that are connected, the one at ``path``, or the only one that fits."""
     return choose(profile, connected(), path)
 
@@ -181,10 +180,10 @@ class HidSink:
             raise DeviceError(f"{self.place}: the device is not open")
         return self.handle
 
-    def send(self, frame: Frame, reports: tuple[Report, ...]) -> None:  # noqa: ARG002
+    def send(self, frame: Frame, reports: tuple[HidReport, ...]) -> None:  # noqa: ARG002
         self.write(reports)
 
-    def write(self, reports: tuple[Report, ...]) -> None:
+    def write(self, reports: tuple[HidReport, ...]) -> None:
         """In their order, none after one that failed. Raises DeviceError."""
         for path, data in reports:
             with self.lock:

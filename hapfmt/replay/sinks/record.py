@@ -14,12 +14,12 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...atomic import atomic_write, refuse
 from ...convert.csv import column_name, tick_times
 from ...errors import ParameterError
+from ...files import atomic_write, refuse
 from ...recording import Calibration
 from ..frames import Frame
-from ..profile.model import Actuator, Profile, Report
+from ..profile.model import Actuator, HidReport, Profile
 
 ROWS_AT_ONCE = 1 << 12
 DENOMINATORS = (10**3, 10**6, 10**9, 10**12, 10**15)
@@ -44,7 +44,7 @@ class RecordSink:
         canonical: int | None = None,
     ) -> None:
         """``canonical``: file id of a .hapf that depends on nothing but what was played."""
-        kinds: dict[str, Callable[..., Rows]] = {".hapf": HapfRows, ".csv": CsvRows}
+        kinds: dict[str, Callable[..., RowWriter]] = {".hapf": HapfRows, ".csv": CsvRows}
         if Path(path).suffix.lower() not in kinds:
             raise ParameterError("what is sent is recorded as .hapf or .csv", path=path)
         refuse(path, force)
@@ -66,7 +66,7 @@ class RecordSink:
         self.stack = ExitStack()
         with ExitStack() as stack:
             stream = stack.enter_context(atomic_write(self.path, force=self.force))
-            self.rows: Rows = self.make(stream)
+            self.rows: RowWriter = self.make(stream)
             self.stack = stack.pop_all()
         return self
 
@@ -91,7 +91,7 @@ class RecordSink:
     def open(self) -> None:
         """It is open while the block runs."""
 
-    def send(self, frame: Frame, reports: tuple[Report, ...]) -> None:  # noqa: ARG002
+    def send(self, frame: Frame, reports: tuple[HidReport, ...]) -> None:  # noqa: ARG002
         """``frame`` without counts (to begin, to end) is no sample."""
         if not frame.counts:
             return
@@ -112,7 +112,7 @@ class RecordSink:
         self.first = self.next
 
 
-class Rows(Protocol):
+class RowWriter(Protocol):
     """Where rows [samples, actuators] of counts go."""
 
     def write(self, first: int, counts: NDArray[np.int64]) -> None: ...
@@ -128,7 +128,7 @@ class HapfRows:
         told: dict[str, Any],
         canonical: int | None,
     ) -> None:
-        from ...live.recorder import Input, Recorder
+        from ...writing.recorder import Input, Recorder
 
         inputs = [
             Input(

@@ -1,0 +1,335 @@
+"""mETa and aTTc payloads (SPEC 6.7, 6.8): metadata and attachments, never needed to decode.
+
+cLOk and cMAp payloads: observations of another clock, and maps to its time (SPEC 6.10).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NoReturn
+
+from ..errors import FormatError, ParameterError, TruncatedError
+from ..numbers import build_svarint, build_varint, parse_svarint, parse_varint, rdiv
+from .tlv import encode_text, parse_text
+
+DEPTH_LIMIT = 64
+DIGIT_LIMIT = 1000
+"""Characters of a number: more are refused, since reading them takes the square of their number."""
+
+
+def build_metadata(metadata: dict[str, Any]) -> bytes:
+    """Canonical JSON: sorted keys, no spaces."""
+    if not isinstance(metadata, dict):
+        raise ParameterError("metadata must be a JSON object, a dict in Python")
+    try:
+        payload = json.dumps(
+            metadata, ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False
+        ).encode("utf-8")
+        parse_metadata(payload, 0)
+    except (TypeError, ValueError, RecursionError, FormatError) as error:
+        raise ParameterError(f"metadata cannot be written as JSON: {error}") from None
+    return payload
+
+
+def parse_metadata(payload: bytes, offset: int) -> dict[str, Any]:
+    """SPEC MET-001."""
+
+    def refuse(name: str) -> NoReturn:
+        raise ValueError(name)
+
+    def integer(text: str) -> int:
+        return int(text) if len(text) <= DIGIT_LIMIT else refuse(text)
+
+    def real(text: str) -> float:
+        value = float(text)
+        return value if math.isfinite(value) and len(text) <= DIGIT_LIMIT else refuse(text)
+
+    try:
+        text = parse_text(payload, offset)
+        value = json.loads(text, parse_constant=refuse, parse_int=integer, parse_float=real)
+        if "\\u" in text:
+            # Only an escape can stand for half of a surrogate pair.
+            check_texts(value)
+    except (ValueError, RecursionError):
+        raise FormatError(
+            "metadata is not JSON within the bounds", requirement="MET-001", offset=offset
+        ) from None
+    if not isinstance(value, dict):
+        raise FormatError("metadata is not a JSON object", requirement="MET-001", offset=offset)
+    level: list[Any] = [value]
+    for _ in range(DEPTH_LIMIT):
+        level = [
+            inner
+            for item in level
+            for inner in (item.values() if isinstance(item, dict) else item)
+            if isinstance(inner, (dict, list))
+        ]
+        if not level:
+            return value
+    raise FormatError("metadata nested more than 64 deep", requirement="MET-001", offset=offset)
+
+
+def check_texts(value: Any) -> None:
+    """ValueError where a text within has no UTF-8."""
+    waiting = [value]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, str):
+            item.encode("utf-8")
+        elif isinstance(item, dict):
+            waiting.extend(item)
+            waiting.extend(item.values())
+        elif isinstance(item, list):
+            waiting.extend(item)
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """A named file inside the recording."""
+
+    name: str
+    media_type: str
+    content: bytes
+
+    @property
+    def safe_name(self) -> str:
+        """The name without any path: last component, no leading dots (SPEC ATT-002)."""
+        last = self.name.replace("\\", "/").replace(":", "/").rsplit("/", 1)[-1]
+        return "".join(c for c in last if c.isprintable()).lstrip(".") or "attachment"
+
+
+def build_attachment(attachment: Attachment) -> bytes:
+    out = b""
+    for text in (attachment.name, attachment.media_type):
+        raw = encode_text(text)
+        out += bytes([len(raw)]) + raw
+    if not attachment.name:
+        raise ParameterError("an attachment has a name")
+    return out + attachment.content
+
+
+def parse_attachment(payload: bytes, offset: int) -> Attachment:
+    """SPEC ATT-001."""
+    texts = []
+    position = 0
+    for _ in range(2):
+        stop = position + 1 + (payload[position] if position < len(payload) else 0)
+        if stop > len(payload):
+            raise FormatError(
+                "attachment ends within its name", requirement="ATT-001", offset=offset + position
+            )
+        texts.append(parse_text(payload[position + 1 : stop], offset + position + 1))
+        position = stop
+    if not texts[0]:
+        raise FormatError("attachment without a name", requirement="ATT-001", offset=offset)
+    return Attachment(texts[0], texts[1], payload[position:])
+
+
+TICK_BOUND = STEP_LIMIT = 1 << 52
+"""What a svarint holds lies below."""
+TIME_BOUND = 1 << 63
+VARINT_BOUND = 1 << 53
+CHUNK_COUNT = 1 << 14
+"""Observations of a chunk that this writer makes: at most 27 bytes each fit level 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockObservation:
+    """At ``tick`` of a track the clock told ``time_ns``; track None: ticks are nanoseconds of the
+    recording. uncertainty_ns 0: not known."""
+
+    clock: str
+    track: int | None
+    tick: int
+    time_ns: int
+    uncertainty_ns: int = 0
+
+
+@dataclass(frozen=True)
+class ClockMap:
+    """From ticks of a track to the time of a clock and back, in integers, along straight lines
+    through ``points`` (tick, time_ns), at least two, both growing."""
+
+    clock: str
+    track: int | None
+    points: tuple[tuple[int, int], ...]
+
+    def __post_init__(self) -> None:
+        points = tuple((int(tick), int(time)) for tick, time in self.points)
+        object.__setattr__(self, "points", points)
+        pairs = list(zip(points, points[1:], strict=False))
+        if not pairs or any(k1 <= k0 or t1 <= t0 for (k0, t0), (k1, t1) in pairs):
+            raise ParameterError("a clock map has two points or more, whose ticks and times grow")
+
+    @cached_property
+    def _ticks(self) -> list[int]:
+        return [tick for tick, _ in self.points]
+
+    @cached_property
+    def _times(self) -> list[int]:
+        return [time for _, time in self.points]
+
+    def time_ns(self, tick: int) -> int:
+        (k0, t0), (k1, t1) = self._line(bisect_right(self._ticks, tick))
+        return t0 + rdiv((t1 - t0) * (tick - k0), k1 - k0)
+
+    def tick(self, time_ns: int) -> int:
+        (k0, t0), (k1, t1) = self._line(bisect_right(self._times, time_ns))
+        return k0 + rdiv((k1 - k0) * (time_ns - t0), t1 - t0)
+
+    def _line(self, after: int) -> Sequence[tuple[int, int]]:
+        """Of the last point that is not after something; before the first, the first line."""
+        first = min(max(after - 1, 0), len(self.points) - 2)
+        return self.points[first : first + 2]
+
+
+def build_clocks(observations: Sequence[ClockObservation]) -> Iterator[bytes]:
+    """cLOk payloads of observations of one clock on one track: several where they are many, or
+    where the clock leaps further than a difference can tell."""
+    for part in parts_of(observations):
+        out = build_name(part[0].clock) + build_varint(len(part))
+        before = None
+        for seen in part:
+            check_place(seen.tick, seen.time_ns)
+            if not 0 <= seen.uncertainty_ns < VARINT_BOUND:
+                raise ParameterError("an uncertainty lies between 0 and 2^53 - 1 ns")
+            if before is None:
+                out += build_svarint(seen.tick) + seen.time_ns.to_bytes(8, "little", signed=True)
+            else:
+                out += build_svarint(seen.tick - before.tick)
+                out += build_svarint(seen.time_ns - before.time_ns)
+            out += build_varint(seen.uncertainty_ns)
+            before = seen
+        yield out
+
+
+def parts_of(observations: Sequence[ClockObservation]) -> Iterator[list[ClockObservation]]:
+    part: list[ClockObservation] = []
+    for seen in observations:
+        far = part and (
+            len(part) == CHUNK_COUNT
+            or abs(seen.tick - part[-1].tick) >= STEP_LIMIT
+            or abs(seen.time_ns - part[-1].time_ns) >= STEP_LIMIT
+        )
+        if far:
+            yield part
+            part = []
+        part.append(seen)
+    if part:
+        yield part
+
+
+def build_map(clock_map: ClockMap) -> bytes:
+    """The cMAp payload."""
+    points = clock_map.points
+    out = build_name(clock_map.clock) + build_varint(len(points))
+    before: tuple[int, int] | None = None
+    for tick, time_ns in points:
+        check_place(tick, time_ns)
+        if before is None:
+            out += build_svarint(tick) + time_ns.to_bytes(8, "little", signed=True)
+        else:
+            steps = tick - before[0], time_ns - before[1]
+            if max(steps) >= VARINT_BOUND:
+                raise ParameterError("two points of a clock map are 2^53 or more apart")
+            out += build_varint(steps[0]) + build_varint(steps[1])
+        before = tick, time_ns
+    return out
+
+
+def build_name(clock: str) -> bytes:
+    raw = encode_text(clock)
+    if not raw:
+        raise ParameterError("a clock has a name")
+    return bytes([len(raw)]) + raw
+
+
+def check_place(tick: int, time_ns: int) -> None:
+    if abs(tick) >= TICK_BOUND or not -TIME_BOUND <= time_ns < TIME_BOUND:
+        raise ParameterError(f"tick {tick}, time {time_ns} ns: no clock chunk holds them")
+
+
+def parse_name(payload: bytes, offset: int) -> tuple[str, int]:
+    """The name and where it ends."""
+    stop = 1 + (payload[0] if payload else 0)
+    if stop == 1 or stop > len(payload):
+        raise FormatError(
+            "a clock without a name that lies in its chunk", requirement="CLK-001", offset=offset
+        )
+    return parse_text(payload[1:stop], offset + 1), stop
+
+
+def parse_clock(payload: bytes, track: int | None, offset: int) -> list[ClockObservation]:
+    """The observations of a cLOk payload that stands at ``offset``."""
+    clock, position = parse_name(payload, offset)
+    at = position
+    count, position = parse_varint(payload, position, offset)
+    if count < 1:
+        raise FormatError("no observation", requirement="CLK-001", offset=offset + at)
+    found: list[ClockObservation] = []
+    tick = time_ns = 0
+    for place in range(count):
+        at = position
+        step, position = parse_svarint(payload, position, offset)
+        if place == 0:
+            later, position = parse_time(payload, position, offset)
+        else:
+            later, position = parse_svarint(payload, position, offset)
+        uncertainty, position = parse_varint(payload, position, offset)
+        tick, time_ns = tick + step, time_ns + later
+        check_bounds(tick, time_ns, offset + at)
+        found.append(ClockObservation(clock, track, tick, time_ns, uncertainty))
+    check_end(payload, position, offset)
+    return found
+
+
+def parse_map(payload: bytes, track: int | None, offset: int) -> ClockMap:
+    clock, position = parse_name(payload, offset)
+    at = position
+    count, position = parse_varint(payload, position, offset)
+    if count < 2:
+        raise FormatError("a map of fewer than 2 points", requirement="CLK-001", offset=offset + at)
+    at = position
+    tick, position = parse_svarint(payload, position, offset)
+    time_ns, position = parse_time(payload, position, offset)
+    check_bounds(tick, time_ns, offset + at)
+    points = [(tick, time_ns)]
+    for _ in range(count - 1):
+        at = position
+        step, position = parse_varint(payload, position, offset)
+        later, position = parse_varint(payload, position, offset)
+        if not (step and later):
+            raise FormatError(
+                "a clock that does not advance", requirement="CLK-003", offset=offset + at
+            )
+        tick, time_ns = tick + step, time_ns + later
+        check_bounds(tick, time_ns, offset + at)
+        points.append((tick, time_ns))
+    check_end(payload, position, offset)
+    return ClockMap(clock, track, tuple(points))
+
+
+def parse_time(payload: bytes, position: int, offset: int) -> tuple[int, int]:
+    raw = payload[position : position + 8]
+    if len(raw) < 8:
+        raise TruncatedError(
+            "the bytes end within a time", requirement="CLK-001", offset=offset + position
+        )
+    return int.from_bytes(raw, "little", signed=True), position + 8
+
+
+def check_bounds(tick: int, time_ns: int, at: int) -> None:
+    if abs(tick) >= TICK_BOUND or not -TIME_BOUND <= time_ns < TIME_BOUND:
+        raise FormatError("a tick or a time out of bounds", requirement="CLK-003", offset=at)
+
+
+def check_end(payload: bytes, position: int, offset: int) -> None:
+    if position != len(payload):
+        raise FormatError(
+            "bytes left over after a clock", requirement="CLK-001", offset=offset + position
+        )

@@ -1,0 +1,1 @@
+"""What research needs: simulated scenes, subjective tests, comparisons and pictures."""

@@ -1,0 +1,428 @@
+"""Time stamps, as decimal texts -> a regular grid of ticks: rate, start, and the tick of each row.
+
+Stamps are usually rounded: 3 kHz written in us is 0, 333, 667, 1000. So the rate is the simplest
+fraction under which every stamp lies within its rounding, and only where there is none (a clock
+that jitters) the nearest grid is taken, if every stamp lies within half a tick of it.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from decimal import Context, Decimal
+from fractions import Fraction
+from functools import cached_property
+from math import ceil, floor, ulp
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import ParameterError
+from .limits import TICK_LIMIT
+from .numbers import checked_rate
+from .units import split_name
+
+_EXACT = Context(prec=160)
+"""Holds the sum of any two stamps without rounding."""
+_FINEST, _LARGEST = -60, 40
+"""Powers of ten, s: the decimals of a stamp and its size, far beyond any clock."""
+_FEW_GAPS = 3
+"""Missing rows that are believed at once, though rounding could explain as few (875 Hz in whole ms
+looks like 1 kHz with every eighth row missing); more of them, evenly spread, are rounding."""
+_FINE = 0.1
+"""Share of a tick below which the resolution of the stamps cannot feign a missing row."""
+_CLOCK = 100_000_000
+"""Seconds, three years: times from here on count from 1970, not from the recording's zero."""
+_CLOCK_END = 10_000_000_000
+"""Seconds since 1970, the year 2286: later times count in another unit, or from another day."""
+_JITTER_TICKS = 2
+"""Times that lie no further from rows one tick apart only jitter."""
+_MOVED_TICKS, _MOVED_SHARE = 32, 0.01
+"""Rows that came in bursts, or by a clock a little too fast, move less, in ticks or by their share
+of all rows; more is another rate."""
+STEADY = 1e-6
+"""Share of a tick that is not worth a note: sums of a rounded period drift as much."""
+
+
+class TickGrid(NamedTuple):
+    """Row i stands at tick ``ticks[i]`` (int64, increasing); time = tick / rate seconds.
+
+    ``epoch_ns``: UTC of tick 0 where the times count from 1970, else None.
+    """
+
+    rate: Fraction
+    ticks: NDArray[np.int64]
+    notes: tuple[str, ...]
+    epoch_ns: int | None = None
+
+
+TIME_UNITS = {"s": 0, "sec": 0, "ms": -3, "us": -6, "\u00b5s": -6, "\u03bcs": -6, "ns": -9}
+"""Powers of ten, s."""
+_TIME_UNIT = "|".join(TIME_UNITS)
+_TIME = re.compile(
+    r"(?:t|(?i:times?|time ?stamps?|date ?time))"
+    rf"(?: ?\[({_TIME_UNIT})\]| ?\(({_TIME_UNIT})\)|[ _]({_TIME_UNIT}))?"
+)
+
+
+class TimeName(NamedTuple):
+    """The name of a column of times. ``exponent``: power of ten of its unit, s."""
+
+    unit: str | None
+    exponent: int
+
+
+def time_name(name: str) -> TimeName | None:
+    """What a name such as "t [ms]" says of a column; None where it does not name times."""
+    match = _TIME.fullmatch(name)
+    if match is None:
+        return None
+    unit = match[match.lastindex] if match.lastindex else None
+    return TimeName(unit, TIME_UNITS[unit or "s"])
+
+
+def may_be_times(name: str) -> bool:
+    """Whether a first column of this name may hold the times of the rows."""
+    return time_name(name) is not None or split_name(name)[1] in TIME_UNITS
+
+
+class TimeStamps:
+    """The stamps of the rows, one after the other; ``unit_exponent`` -3 for milliseconds."""
+
+    def __init__(self, unit_exponent: int = 0) -> None:
+        self._unit_exponent = unit_exponent
+        self._first = self._last = Decimal(0)
+        self._relative = array("d")
+        # Kept beside the times, since a double of 50 000 000.001 s is 7 ns coarse.
+        self._steps = array("d")
+        self._finest = _LARGEST
+
+    def __len__(self) -> int:
+        return len(self._relative)
+
+    def add(self, text: str) -> None:
+        """Take the next stamp, a decimal number; ValueError, with the reason, if it is unusable."""
+        try:
+            stamp = Decimal(text)
+        except ArithmeticError:
+            stamp = Decimal("nan")
+        exponent = stamp.as_tuple().exponent
+        if not isinstance(exponent, int) or exponent < _FINEST or stamp.adjusted() > _LARGEST:
+            raise ValueError("is not a usable time")
+        if not self._relative:
+            self._first = stamp
+        elif stamp <= self._last:
+            raise ValueError("is not later than the time before it")
+        else:
+            self._steps.append(float(self._seconds(self._last, stamp)))
+        self._relative.append(float(self._seconds(self._first, stamp)))
+        self._last = stamp
+        self._finest = min(self._finest, exponent)
+
+    def _seconds(self, start: Decimal, stop: Decimal) -> Decimal:
+        return _EXACT.scaleb(_EXACT.subtract(stop, start), self._unit_exponent)
+
+    @property
+    def first(self) -> Fraction:
+        """Seconds."""
+        return Fraction(self._seconds(Decimal(0), self._first))
+
+    @property
+    def resolution(self) -> float:
+        """Seconds: the last decimal place of the finest stamp."""
+        return float(Decimal(1).scaleb(self._finest + self._unit_exponent))
+
+    @property
+    def noise(self) -> float:
+        """Seconds: what float64 arithmetic may add, here and where a float64 was printed, whose
+        last decimal place is coarser than the float64 where fewer places tell it from others."""
+        largest = ulp(float(max(abs(self.first), abs(self.first + self.span))))
+        return 4 * ulp(float(self.span)) + (largest if self.resolution < 10 * largest else 0)
+
+    @property
+    def span(self) -> Fraction:
+        """Seconds from the first stamp to the last."""
+        return Fraction(self._seconds(self._first, self._last))
+
+    def grid(self, rate: Fraction | None = None) -> TickGrid:
+        """The grid of a given rate, or of the rate that the stamps tell (two rows at least).
+
+        Raises ParameterError, with the worst deviation, where the stamps are not regular.
+        """
+        times = np.frombuffer(self._relative) if self._relative else np.empty(0)
+        if rate is not None:
+            return self._on_given(times, rate)
+        if len(self) < 2:
+            raise ParameterError("fewer than two times give no rate; use --rate")
+        exact, rounded = self.noise, self.noise + self.resolution / 2
+        whole, *gappy = _hypotheses(times, np.frombuffer(self._steps))
+        likely = [line for line in gappy if self._is_likely(line)]
+        full = [line for line in gappy if line.is_mostly_full]
+        for line, tolerance in (
+            (whole, exact),
+            *((line, exact) for line in likely),
+            (whole, rounded),
+            *((line, rounded) for line in likely),
+            *((line, exact) for line in full),
+            *((line, rounded) for line in full),
+        ):
+            found = line.rate_within(self.span, tolerance)
+            if found is not None:
+                return self._placed(line, checked_rate(found), tolerance, ())
+        return self._nearest([whole, *full])
+
+    def _is_likely(self, line: _Line) -> bool:
+        """Whether rounding of the stamps is no better explanation of the missing rows."""
+        return self.resolution <= _FINE * line.period or line.missing <= _FEW_GAPS
+
+    def _nearest(self, lines: list[_Line]) -> TickGrid:
+        """The grid of stamps that jitter."""
+        line = min(lines, key=lambda line: line.spread)
+        if line.spread > line.period / 2:
+            raise ParameterError(
+                f"the times are not regular: they deviate by up to {line.spread:.3g} s from a "
+                f"grid of {1 / line.period:.6g} Hz; give a rate (--rate) to move each row to the "
+                "nearest tick"
+            )
+        # Two standard errors of the slope, were the deviations independent and uniform.
+        slack = Fraction(4 * line.spread / len(self) ** 0.5)
+        rate = checked_rate(_roundest(Fraction(line.period) * line.last, slack, line.last))
+        notes: tuple[str, ...] = ()
+        if line.spread > STEADY * line.period:
+            notes = (deviation_note(line.spread, rate),)
+        return self._placed(line, rate, line.spread, notes)
+
+    def _placed(
+        self, line: _Line, rate: Fraction, tolerance: float, notes: tuple[str, ...]
+    ) -> TickGrid:
+        residual = line.residual(rate)
+        offset = self.first + Fraction(float(residual.max() + residual.min()) / 2)
+        start = round(offset * rate)
+        shift = abs(float(offset - start / rate))
+        if shift > max(2 * tolerance, STEADY / float(rate)):
+            notes += (f"the times lie {shift:.3g} s beside the ticks of {rate} Hz",)
+        return self._started(line, rate, start, notes)
+
+    def _on_given(self, times: NDArray[np.float64], rate: Fraction) -> TickGrid:
+        """Every row at the tick nearest to its time, later where rows before it need the room.
+
+        Times that only jitter leave no tick out. ParameterError where rows come much faster than
+        the rate.
+        """
+        wanted = times * float(rate)
+        ticks, notes = np.rint(wanted), list[str]()
+        if (np.diff(ticks) < 1).any():
+            order = np.arange(len(times), dtype=np.float64)
+            ticks = order + np.maximum.accumulate(ticks - order)
+            moved = float(np.abs(ticks - wanted).max())
+            if moved > max(_MOVED_TICKS, _MOVED_SHARE * len(times)):
+                raise ParameterError(
+                    f"the times do not fit a rate of {float(rate):.6g} Hz: rows would move by up "
+                    f"to {moved / rate:.3g} s; they come at about {self._usual_rate:.6g} Hz. Give "
+                    "that rate, or remove the column of times"
+                )
+            if float(np.abs(order - wanted).max()) <= _JITTER_TICKS:
+                ticks = order
+            notes.append("some times are less than a tick apart; their rows moved to free ticks")
+        elif 2 * np.count_nonzero(np.diff(ticks) == 1) < len(times) - 1:
+            notes.append(
+                f"the rows come at about {self._usual_rate:.6g} Hz, so most ticks of "
+                f"{float(rate):.6g} Hz are gaps"
+            )
+        if ticks.max(initial=0) >= TICK_LIMIT:
+            raise ParameterError(f"the times are longer than 2^48 ticks of {float(rate):.6g} Hz")
+        line = _Line(ticks, times)
+        largest = float(np.abs(line.residual(rate)).max(initial=0))
+        if largest > max(self.noise + self.resolution / 2, STEADY / float(rate)):
+            notes.append(deviation_note(largest, rate))
+        return self._started(line, rate, round(self.first * rate), tuple(notes))
+
+    @property
+    def _usual_rate(self) -> float:
+        return 1 / float(np.median(np.frombuffer(self._steps)))
+
+    def _started(self, line: _Line, rate: Fraction, start: int, notes: tuple[str, ...]) -> TickGrid:
+        epoch_ns = None
+        if not (0 <= start < _CLOCK * rate and start < TICK_LIMIT - line.last):
+            seconds = start / rate
+            start = 0
+            if _CLOCK <= seconds < _CLOCK_END:
+                epoch_ns = round(seconds * 10**9)
+                notes += (f"the first time, {utc(epoch_ns)}, became the epoch of the recording",)
+            else:
+                notes += (f"the times begin at {float(self.first)} s, which became tick 0",)
+        return TickGrid(rate, line.ticks.astype(np.int64) + start, notes, epoch_ns)
+
+
+_ISO = re.compile(
+    r"(\d{4})-(\d\d)-(\d\d)[T ](\d\d):(\d\d)(?::(\d\d)(?:[.,](\d{1,18}))?)?"
+    r" ?(Z|[+-]\d\d(?::?\d\d)?)?",
+    re.A,
+)
+
+
+def seconds_of_date(text: str) -> str | None:
+    """Decimal seconds since 1970 of an ISO 8601 time such as 2026-11-22T17:05:00.25Z; None for any
+    other text. A time without its zone is UTC."""
+    match = _ISO.fullmatch(text)
+    if match is None:
+        return None
+    year, month, day, hour, minute = (int(group) for group in match.groups()[:5])
+    try:
+        date = datetime(year, month, day, hour, minute, int(match[6] or 0), tzinfo=UTC)
+    except ValueError:
+        return None
+    seconds = (date - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(seconds=1)
+    zone = match[8] or "Z"
+    if zone != "Z":
+        digits = zone[1:].replace(":", "").ljust(4, "0")
+        offset = 3600 * int(digits[:2]) + 60 * int(digits[2:])
+        seconds -= offset if zone[0] == "+" else -offset
+    if seconds < 0:
+        return None
+    return f"{seconds}.{match[7] or '0'}"
+
+
+def utc(epoch_ns: int) -> str:
+    """A time in nanoseconds since 1970, in words."""
+    seconds, ns = divmod(epoch_ns, 10**9)
+    date = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
+    part = f".{ns:09d}".rstrip("0") if ns else ""
+    return f"{date:%Y-%m-%dT%H:%M:%S}{part}Z"
+
+
+class _Line:
+    """The hypothesis that row i stands ``ticks[i]`` ticks (whole float64) after the first row."""
+
+    def __init__(self, ticks: NDArray[np.float64], times: NDArray[np.float64]) -> None:
+        self.ticks = ticks
+        self.times = times
+        self.last = int(ticks[-1]) if len(ticks) else 0
+
+    @property
+    def missing(self) -> int:
+        return self.last + 1 - len(self.ticks)
+
+    @property
+    def is_mostly_full(self) -> bool:
+        """Any times at all lie on a grid that is fine enough, with most of its rows missing."""
+        return bool(2 * np.count_nonzero(np.diff(self.ticks) == 1) >= len(self.ticks) - 1)
+
+    @cached_property
+    def period(self) -> float:
+        """Seconds per tick, by least squares."""
+        return _slope(self.ticks, self.times)
+
+    @cached_property
+    def spread(self) -> float:
+        """Seconds: largest deviation from the grid of that period, in its best position."""
+        return _half_range(self.times - self.ticks * self.period)
+
+    def residual(self, rate: Fraction) -> NDArray[np.float64]:
+        return self.times - _at(self.ticks, rate)
+
+    @cached_property
+    def narrowest(self) -> float:
+        """The period of the smallest possible spread: its extremes then pull both ways."""
+        steps = np.diff(self.times) / np.diff(self.ticks)
+        low, high = float(steps.min()), float(steps.max())
+        while low < (middle := (low + high) / 2) < high:
+            residual = self.times - self.ticks * middle
+            if residual.argmax() > residual.argmin():
+                low = middle
+            else:
+                high = middle
+        return low
+
+    def rate_within(self, span: Fraction, tolerance: float) -> Fraction | None:
+        """The simplest rate found that leaves each stamp within ``tolerance`` s of its tick."""
+        # The residuals of least squares are at most about three times the smallest possible ones.
+        if self.spread > 4 * tolerance:
+            return None
+        found = self._rate_near(span, tolerance)
+        if found is None and _half_range(self.times - self.ticks * self.narrowest) <= tolerance:
+            found = self._rate_near(Fraction(self.narrowest) * self.last, tolerance)
+        return found
+
+    def _rate_near(self, span: Fraction, tolerance: float) -> Fraction | None:
+        slack = Fraction(2 * tolerance)
+        for _ in range(40):
+            rate = _roundest(span, slack, self.last)
+            if _half_range(self.residual(rate)) <= tolerance:
+                return rate
+            slack /= 2
+        return None
+
+
+def _hypotheses(times: NDArray[np.float64], steps: NDArray[np.float64]) -> Iterator[_Line]:
+    """No row missing; then rows missing from the grid of the short steps, of the median step."""
+    yield _Line(np.arange(len(times), dtype=np.float64), times)
+    for period in (steps[steps < 1.5 * steps.min()].mean(), np.median(steps)):
+        counts = np.ones(len(steps))
+        guess = float(period)
+        for _ in range(20):
+            before = counts
+            counts = np.maximum(1, np.rint(steps / guess))
+            ticks = np.concatenate(([0.0], np.cumsum(counts)))
+            if ticks[-1] >= TICK_LIMIT or np.array_equal(counts, before):
+                break
+            guess = _slope(ticks, times)
+        if len(times) <= ticks[-1] < TICK_LIMIT:
+            yield _Line(ticks, times)
+
+
+def _slope(ticks: NDArray[np.float64], times: NDArray[np.float64]) -> float:
+    centred = ticks - ticks.mean()
+    return float(centred @ (times - times.mean()) / (centred @ centred))
+
+
+def _half_range(residual: NDArray[np.float64]) -> float:
+    return float(residual.max() - residual.min()) / 2
+
+
+def _at(ticks: NDArray[np.float64], rate: Fraction) -> NDArray[np.float64]:
+    return ticks * float(rate.denominator) / float(rate.numerator)
+
+
+def _roundest(span: Fraction, slack: Fraction, ticks: int) -> Fraction:
+    """The simplest rate that fits ``ticks`` ticks into span +- slack seconds.
+
+    Of the fractions with the smallest denominator, those with most zeros at the end of their
+    numerator; of these, the one nearest to the middle.
+    """
+    low = ticks / (span + slack)
+    high = ticks / (span - slack) if slack < span else 2 * ticks / span
+    denominator = _simplest(low, high).denominator
+    middle = (low + high) * denominator / 2
+    zeros = 10 ** len(str(floor(high * denominator)))
+    while True:
+        multiples = range(ceil(low * denominator / zeros), floor(high * denominator / zeros) + 1)
+        if multiples:
+            best = min(max(round(middle / zeros), multiples[0]), multiples[-1])
+            return Fraction(best * zeros, denominator)
+        zeros //= 10
+
+
+def _simplest(low: Fraction, high: Fraction) -> Fraction:
+    """The fraction of the smallest denominator in [low, high], 0 < low: by continued fractions."""
+    h0, k0, h1, k1 = 0, 1, 1, 0
+    while True:
+        whole = ceil(low)
+        if whole > high:
+            whole = floor(low)
+        h0, k0, h1, k1 = h1, k1, whole * h1 + h0, whole * k1 + k0
+        if low <= whole:
+            return Fraction(h1, k1)
+        low, high = 1 / (high - whole), 1 / (low - whole)
+
+
+def deviation_note(largest: float, rate: Fraction, key: str = "") -> str:
+    """How far the times of the samples, in s, lie from the regular ones that replace them."""
+    size = f"{largest:.3g} s" if largest >= 1 else f"{1000 * largest:.3g} ms"
+    return (
+        f"the sample times{key} differ from a regular {float(rate):.6g} Hz by up to {size}; only "
+        "the regular times are stored. To keep the others, store them as a channel of their own"
+    )

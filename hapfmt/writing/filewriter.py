@@ -1,0 +1,408 @@
+"""Tracks and packets -> chunks, one after the other (SPEC clauses 5, 6, 15); needs no codec."""
+
+from __future__ import annotations
+
+import secrets
+import uuid
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from fractions import Fraction
+from itertools import groupby
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from ..errors import ParameterError
+from ..format.cluster import HEAD_ROOM, ROW_ROOM, Packet, build_cluster
+from ..format.description import Record, build_track, chunks_of
+from ..format.extras import (
+    Attachment,
+    ClockMap,
+    ClockObservation,
+    build_attachment,
+    build_clocks,
+    build_map,
+    build_metadata,
+)
+from ..format.index import (
+    FIRST_OFFSET,
+    INDEX_EVERY,
+    INDEX_SIZE,
+    Foot,
+    Index,
+    IndexEntry,
+    build_foot,
+    build_index,
+    ceil_ms,
+    ceil_ns,
+    floor_ms,
+)
+from ..format.track import Track, complete, silent_tracks
+from ..format.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk, cluster_seed
+from ..limits import LEVELS, Level
+from ..reading.opening import chain_of, copied_tracks
+
+if TYPE_CHECKING:
+    from ..reading.catalogue import Catalogue
+
+COPY_SHARE = 50
+"""HEAD and TRAK are repeated at the end (SPEC 6.1) where that adds at most a 50th to the file."""
+
+PAYLOAD_TARGET = {1: 1 << 19, 2: 1 << 22}
+"""Clusters are split above this size, well below the limit of the level."""
+
+CHECKPOINT_SECONDS = 10
+"""Between two indexes of a live writer (SPEC IDX-005)."""
+
+JOINT_SIZE = 8
+"""Bytes that one distance may take more where two indexes become one."""
+
+SEQUENCE_LIMIT = 1 << 32
+
+
+class ChunkStream(Protocol):
+    """Where chunks go. One that has ``whole_writes`` keeps all of a write or nothing: after a
+    failed one the file still ends with a whole chunk, and can be closed."""
+
+    def write(self, data: bytes, /) -> object: ...
+
+
+class IndexLink(NamedTuple):
+    """An index in the chain: its offset and sequence number, that of the first chunk that it lists,
+    its payload's size."""
+
+    offset: int
+    sequence: int
+    first: int
+    size: int
+
+
+class FileWriter:
+    """Writes chunks to a stream, one after the other, and the index and the footer by itself.
+
+    ``file_id`` None: at random (SPEC WRT-002). The stream needs ``write`` only. ``clock`` gives
+    seconds to a live writer: it writes an index every 10 of them.
+    """
+
+    def __init__(
+        self,
+        stream: ChunkStream,
+        *,
+        level: Level = LEVELS[1],
+        file_id: int | None = None,
+        recording_uuid: uuid.UUID | None = None,
+        epoch_ns: int | None = None,
+        epoch_uncertainty_ns: int = 0,
+        clock: Callable[[], float] | None = None,
+    ) -> None:
+        head = Head(
+            level.number,
+            recording_uuid.bytes if recording_uuid else None,
+            epoch_ns,
+            epoch_uncertainty_ns,
+        )
+        file_id = secrets.randbits(64) if file_id is None else file_id
+        self.begin(stream, head, head.build(), file_id, clock)
+        self.put(SIGNATURE)
+        self.chunk("HEAD", self.head_payload)
+
+    def begin(
+        self,
+        stream: ChunkStream,
+        head: Head,
+        payload: bytes,
+        file_id: int,
+        clock: Callable[[], float] | None,
+    ) -> None:
+        self.stream = stream
+        self.head, self.head_payload = head, payload
+        self.level, self.file_id = head.limits, file_id
+        self.offset = self.sequence = 0
+        self.tracks: dict[int, Track] = {}
+        self.descriptions: list[tuple[int, bytes]] = []
+        self.copied: set[int] = set()
+        """First track ids of TRAK chunks that stand in the file twice, NO_TRACK for HEAD."""
+        self.entries: list[IndexEntry] = []
+        """Of all chunks: their places are the sequence numbers."""
+        self.resumed_entries = 0
+        self.parts: list[IndexLink] = []
+        self.indexed_entries = 0
+        """Chunks up to the last index and its footer."""
+        self.indexed_to = FIRST_OFFSET
+        self.seconds = clock
+        self.indexed_at = clock() if clock else 0.0
+        self.data_count = 0
+        self.stop = Fraction(0)
+        self.closed = self.ending = False
+        self.failed: OSError | None = None
+        self.unwritten: list[Packet] = []
+        """Packets that a failed write lost."""
+
+    @classmethod
+    def resume(
+        cls,
+        stream: ChunkStream,
+        catalogue: Catalogue,
+        *,
+        clock: Callable[[], float] | None = None,
+    ) -> FileWriter:
+        """Goes on where a file without damage ends; ``stream`` writes there (SPEC WRT-006)."""
+        assert catalogue.head is not None and catalogue.file_id is not None
+        self = cls.__new__(cls)
+        self.begin(stream, catalogue.head, catalogue.head_payload, catalogue.file_id, clock)
+        self.offset = catalogue.source.size
+        self.tracks = dict(catalogue.tracks)
+        self.descriptions = list(catalogue.table.payloads.items())
+        self.entries = [
+            IndexEntry(
+                ref.type,
+                ref.offset,
+                floor_ms(Fraction(ref.start_ns or 0, 10**9)),
+                ceil_ms(Fraction(ref.stop_ns or 0, 10**9)),
+            )
+            for ref in catalogue.chunks
+        ]
+        self.resumed_entries = len(self.entries)
+        offsets = [entry.offset for entry in self.entries]
+        self.copied = copied_tracks(catalogue.source, self.entries)
+        for offset, index in chain_of(catalogue, self.entries):
+            place = bisect_left(offsets, offset)
+            size = len(build_index(index))
+            self.parts.append(IndexLink(offset, place, index.first_sequence, size))
+            self.indexed_to, self.indexed_entries = offset, place + 1
+        if catalogue.closed:
+            self.indexed_entries = len(self.entries)
+        self.sequence = len(self.entries)
+        self.data_count = len(catalogue.data)
+        self.stop = catalogue.duration
+        self.closed = catalogue.closed
+        return self
+
+    @property
+    def last_index(self) -> int:
+        """Offset of the last iNDX chunk, 0: none."""
+        return self.parts[-1].offset if self.parts else 0
+
+    def put(self, data: bytes) -> None:
+        self.stream.write(data)
+        self.offset += len(data)
+
+    def chunk(
+        self,
+        type_: str,
+        payload: bytes,
+        track: int = NO_TRACK,
+        times: tuple[int, int] = (0, 0),
+        flags: int = 0,
+    ) -> None:
+        """One whole chunk in one write (SPEC WRT-001)."""
+        if self.failed:
+            raise self.failed
+        if len(payload) > self.level.payload_size:
+            raise ParameterError(
+                f"a {type_} chunk of {len(payload)} bytes is above {self.level.payload_size}, "
+                f"the limit of level {self.level.number}"
+            )
+        if type_ != "iNDX" and self.index_due(HEADER_SIZE + len(payload)):
+            self.index()
+        self.put_chunk(type_, payload, track, times, flags)
+
+    def put_chunk(
+        self, type_: str, payload: bytes, track: int, times: tuple[int, int], flags: int
+    ) -> None:
+        """Under the next sequence number."""
+        if self.sequence >= SEQUENCE_LIMIT:
+            raise ParameterError("a file holds at most 2^32 chunks")
+        entry = IndexEntry(type_, self.offset, *times)
+        chunk = build_chunk(
+            type_, payload, file_id=self.file_id, sequence=self.sequence, track=track, flags=flags
+        )
+        try:
+            self.put(chunk)
+        except OSError as error:
+            self.end_early(error)
+            raise
+        self.closed = type_ == "fOOT"
+        self.sequence += 1
+        self.entries.append(entry)
+
+    def describe(self, tracks: Sequence[Track]) -> None:
+        """TRAK chunks, as few as hold them in this order."""
+        self.describe_as((track, build_track(track)) for track in tracks)
+
+    def describe_as(self, records: Iterable[Record]) -> None:
+        """The same with these very bytes for each track."""
+        for payload, tracks in chunks_of(records):
+            self.chunk("TRAK", payload, tracks[0].id)
+            self.descriptions.append((tracks[0].id, payload))
+            self.tracks.update((track.id, track) for track in tracks)
+
+    def metadata(self, metadata: dict[str, object]) -> None:
+        self.chunk("mETa", build_metadata(metadata))
+
+    def attach(self, attachment: Attachment) -> None:
+        self.chunk("aTTc", build_attachment(attachment))
+
+    def clock(self, observations: Sequence[ClockObservation]) -> None:
+        """cLOk chunks for observations, in order, as few as hold them."""
+        for (_, track), seen in groupby(observations, key=lambda seen: (seen.clock, seen.track)):
+            for payload in build_clocks(list(seen)):
+                self.chunk("cLOk", payload, NO_TRACK if track is None else track)
+
+    def clock_map(self, clock_map: ClockMap) -> None:
+        """A cMAp chunk."""
+        track = clock_map.track
+        self.chunk("cMAp", build_map(clock_map), NO_TRACK if track is None else track)
+
+    def cluster(self, packets: Iterable[Packet]) -> None:
+        """DATA chunks for the packets of one stretch of time; several where one grows too large."""
+        batch: list[Packet] = []
+        size = samples = written = 0
+        target = PAYLOAD_TARGET[self.level.number]
+        packets = sorted(packets, key=lambda p: (p.track, p.start))
+        try:
+            for packet in packets:
+                weight = len(packet.data) + ROW_ROOM
+                count = self.tracks[packet.track].weight(packet.span, len(packet.data))
+                # Packets of events may start together; in one cluster they must not (DAT-002).
+                again = batch and (batch[-1].track, batch[-1].start) == (packet.track, packet.start)
+                full = (
+                    again
+                    or size + weight > target
+                    or samples + count > self.level.cluster_samples
+                    or len(batch) >= self.level.packets
+                )
+                if batch and full:
+                    self.data(batch)
+                    written += len(batch)
+                    batch, size, samples = [], 0, 0
+                batch.append(packet)
+                size += weight
+                samples += count
+            if batch:
+                self.data(batch)
+        except OSError:
+            self.unwritten += packets[written:]
+            raise
+
+    def data(self, packets: Sequence[Packet]) -> None:
+        ends: dict[tuple[int, int], tuple[int, int]] = {}
+        for packet in packets:
+            rate = self.tracks[packet.track].rate.as_integer_ratio()
+            low, high = ends.get(rate, (packet.start, packet.stop))
+            ends[rate] = min(low, packet.start), max(high, packet.stop)
+        start = min(Fraction(low * d, n) for (n, d), (low, _) in ends.items())
+        stop = max(Fraction(high * d, n) for (n, d), (_, high) in ends.items())
+        room = HEAD_ROOM + sum(ROW_ROOM + len(packet.data) for packet in packets)
+        if self.failed:
+            raise self.failed
+        if self.index_due(HEADER_SIZE + room):
+            self.index()
+        payload = build_cluster(packets, cluster_seed(self.file_id, self.sequence))
+        times = floor_ms(start), ceil_ms(stop)
+        self.put_chunk("DATA", payload, NO_TRACK, times, 0)
+        self.data_count += 1
+        self.stop = max(self.stop, stop)
+
+    def index_due(self, size: int) -> bool:
+        """Whether an index comes before a chunk of ``size`` bytes (SPEC IDX-005)."""
+        if len(self.entries) == self.indexed_entries or self.ending:
+            return False
+        late = self.seconds is not None and self.seconds() - self.indexed_at >= CHECKPOINT_SECONDS
+        return late or self.offset - self.indexed_to + size > INDEX_EVERY
+
+    def checkpoint(self) -> None:
+        """An index of what was not indexed yet, if anything."""
+        if len(self.entries) > self.indexed_entries:
+            self.index()
+
+    def index(self, *, closing: bool = False) -> None:
+        """An index of what was not indexed yet; at the end of more, so that the chain is short."""
+        parts = list(self.parts)
+        first = parts[-1].sequence if parts else 0
+        if closing:
+            room = self.level.payload_size - JOINT_SIZE
+            room -= len(build_index(Index(0, first, tuple(self.entries[first:]))))
+            while parts and self.joins(parts[-1], first, room):
+                _, _, first, size = parts.pop()
+                room -= size - INDEX_SIZE + JOINT_SIZE
+        before = parts[-1].offset if parts else 0
+        payload = build_index(Index(before, first, tuple(self.entries[first:])))
+        offset, sequence = self.offset, self.sequence
+        self.chunk("iNDX", payload)
+        self.parts = [*parts, IndexLink(offset, sequence, first, len(payload))]
+        self.indexed_to, self.indexed_entries = offset, len(self.entries)
+        self.indexed_at = self.seconds() if self.seconds else 0.0
+
+    def joins(self, part: IndexLink, first: int, room: int) -> bool:
+        """Whether the last index repeats ``part``, the one before ``first``: those of this writer
+        always, those that stood in the file before only where they are no longer than what is new,
+        so that appending little again and again adds little."""
+        if part.size - INDEX_SIZE + JOINT_SIZE > room:
+            return False
+        return part.first >= self.resumed_entries or 2 * first <= len(self.entries) + part.first
+
+    def digest(self, digests: dict[int, bytes]) -> None:
+        """dGST chunks; ``digests`` by track id, runs of ids in one chunk each."""
+        run: list[int] = []
+        for track in sorted(digests):
+            if run and track != run[-1] + 1:
+                self.chunk("dGST", b"".join(digests[t] for t in run), run[0])
+                run = []
+            run.append(track)
+        if run:
+            self.chunk("dGST", b"".join(digests[t] for t in run), run[0])
+
+    def close(self) -> None:
+        """Copies of the description, index, footer; the stream stays open.
+
+        Channel numbers that nothing was described for get an empty track (TRK-010).
+        Nothing is written where the file was closed and nothing came since. On a full disk the
+        copies may be missing.
+        """
+        if self.closed:
+            return
+        try:
+            self.describe(silent_tracks(list(self.tracks.values())))
+            self.copy()
+            self.index(closing=True)
+            self.foot()
+        except OSError:
+            if not self.closed:
+                raise
+
+    def copy(self) -> None:
+        """HEAD and TRAK again (SPEC 6.1), each once in the life of a file."""
+        copies = [("HEAD", NO_TRACK, self.head_payload)]
+        copies += [("TRAK", track, payload) for track, payload in self.descriptions]
+        copies = [copy for copy in copies if copy[1] not in self.copied]
+        if COPY_SHARE * sum(len(payload) + HEADER_SIZE for *_, payload in copies) <= self.offset:
+            for type_, track, payload in copies:
+                self.chunk(type_, payload, track)
+                self.copied.add(track)
+
+    def foot(self) -> None:
+        foot = Foot(
+            self.last_index,
+            self.offset + HEADER_SIZE + 32,
+            self.data_count,
+            len(self.tracks),
+            ceil_ns(self.stop),
+        )
+        self.chunk("fOOT", build_foot(foot))
+
+    def end_early(self, error: OSError) -> None:
+        """After a failed write: index and footer, where there is room; then nothing more."""
+        if self.ending:
+            return
+        self.ending = True
+        whole = not self.closed and getattr(self.stream, "whole_writes", False)
+        if whole and self.entries and complete(self.tracks.values()):
+            # An index of everything may find no room where one of the rest does.
+            for closing in (True, False):
+                with suppress(OSError):
+                    self.index(closing=closing)
+                    break
+            if self.indexed_entries == len(self.entries):
+                with suppress(OSError):
+                    self.foot()
+        self.failed = error

@@ -1,0 +1,386 @@
+"""Samples as they arrive -> a file that grows (SPEC clause 15).
+
+How a recording is doing.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import warnings
+import weakref
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from fractions import Fraction
+from functools import partial
+from math import ceil
+from types import TracebackType
+from typing import Any, BinaryIO, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..encoder.live import Input
+from ..encoder.settings import Settings
+from ..errors import LimitError, ParameterError
+from ..events import Event
+from ..limits import TICK_LIMIT
+from ..numbers import exact
+from .clusters import SampleRows, code, observation
+from .lanes import InputGroup, Lanes, named, owned
+from .start import Options, Start
+from .worker import FileChannel, Item, SampleQueue, Worker
+
+
+@dataclass(frozen=True)
+class Status:
+    """A moment of a recording.
+
+    ``seconds``: its length so far. Samples: ``taken`` from the caller, of which ``missing`` were
+    NaN and ``written`` are in the file; ``dropped``, by channel, were not taken. ``queued_size``:
+    bytes of samples in memory. ``cluster_count`` and ``file_size``: as written. ``flushed_s``: the
+    length that a crash leaves. ``blocked_s``: what the caller waited for room. ``busy_s``: CPU time
+    of the encoding thread, ``factor``: seconds that it recorded in each of them.
+    """
+
+    seconds: float = 0.0
+    taken: int = 0
+    missing: int = 0
+    written: int = 0
+    dropped: dict[str, int] = field(default_factory=dict)
+    queued_size: int = 0
+    cluster_count: int = 0
+    file_size: int = 0
+    flushed_s: float = 0.0
+    blocked_s: float = 0.0
+    busy_s: float = 0.0
+    factor: float = 0.0
+
+    @property
+    def dropped_count(self) -> int:
+        return sum(self.dropped.values())
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+Seconds = Fraction | float | str
+OnFull = Literal["block", "drop", "raise"]
+QUEUE_SIZE = 64 << 20
+"""Bytes: 4.5 minutes of 30 channels of doubles at 1 kHz."""
+
+
+class Turn:
+    """One call at a time, of a recording that goes on."""
+
+    def __init__(self, queue: SampleQueue[Item]) -> None:
+        self.queue = queue
+        self.lock = threading.RLock()
+        self.process = os.getpid()
+        self.closed = False
+
+    def __enter__(self) -> None:
+        if os.getpid() != self.process:
+            # The thread, and whoever held the lock, stayed in the other process.
+            raise ParameterError("the recording belongs to the process that began it")
+        self.lock.acquire()
+        if self.closed or self.queue.error is not None:
+            self.lock.release()
+            if self.closed:
+                raise ParameterError("the recording was closed")
+            self.queue.refuse()
+
+    def __exit__(self, *_: object) -> None:
+        self.lock.release()
+
+
+class Recorder:
+    """Records channels into a file while their samples arrive.
+
+        inputs = [Input("force", 1000, "N", calibration=Calibration(1, 0, 4000))]
+        with Recorder("touch.hapf", inputs) as recorder:
+            recorder.write("force", counts)
+
+    ``file``: a path, or a binary stream that is written only. Samples are copied and coded in a
+    thread of its own, cluster by cluster (``cluster`` seconds). What lies before the last
+    ``flush``, and with ``fsync="cluster"`` all but the last cluster or two, survives a crash.
+
+    ``fsync``: "cluster", "close", or a number of seconds: how often the disk is waited for.
+    ``patience``: seconds that a cluster waits for channels behind the others; what they bring later
+    is written in clusters of its own. ``hold``: seconds of wall clock that a sample waits at most
+    for its cluster to be complete [cluster + 2 patience; none in canonical mode].
+    ``queue_size``: bytes that wait for the encoder; ``on_full``: "block" until there is room,
+    "drop" what comes (a gap, counted, reported in a warning and in the file's notes), or "raise"
+    LimitError. ``append``: go on with the file, where it ends, at ``at`` seconds, or for "now" by
+    its epoch; inputs are its channels of the same label, rate and unit, others become new ones.
+    ``epoch_ns``: UTC time of tick 0, "now", or None. ``clock_maps``: fit a map to the observations
+    of each clock at the end. ``canonical``: file id; the same calls give the same bytes.
+
+    What the thread fails with (a full disk) is raised by the next call and by close; the file is
+    valid up to there. Methods may be called from several threads.
+    """
+
+    def __init__(
+        self,
+        file: str | os.PathLike[str] | BinaryIO,
+        inputs: Iterable[Input],
+        settings: Settings | None = None,
+        *,
+        cluster: Seconds | None = None,
+        patience: Seconds = 1,
+        hold: Seconds | None = None,
+        fsync: Literal["cluster", "close", "never"] | float = "cluster",
+        queue_size: int = QUEUE_SIZE,
+        on_full: OnFull = "block",
+        append: bool = False,
+        at: Seconds | Literal["now"] | None = None,
+        force: bool = False,
+        metadata: Mapping[str, Any] | None = None,
+        epoch_ns: int | Literal["now"] | None = "now",
+        epoch_uncertainty_ns: int = 0,
+        clock_maps: bool = False,
+        canonical: int | None = None,
+    ) -> None:
+        if on_full not in ("block", "drop", "raise"):
+            raise ParameterError("on_full is one of block, drop, raise")
+        if queue_size < 1:
+            raise ParameterError("the queue must hold at least 1 byte")
+        options = Options(
+            settings,
+            cluster,
+            patience,
+            hold,
+            fsync,
+            append,
+            at,
+            force,
+            dict(metadata or {}),
+            epoch_ns,
+            epoch_uncertainty_ns,
+            clock_maps,
+            canonical,
+        )
+        self.on_full = on_full
+        self.queue: SampleQueue[Item] = SampleQueue(queue_size)
+        self.turn = Turn(self.queue)
+        start = Start(file, list(inputs), options, self.queue)
+        self.worker, self.closing = start.worker, start.closing
+        self.lanes = Lanes(options.cluster, start.start_s)
+        self.next_number = start.next_number
+        for member in start.members:
+            self.lanes.enter(member, start.start_s)
+        self.metadata: dict[str, Any] = start.metadata
+        """Members that change are written again at the end."""
+        self.taken = 0
+        self.warned = False
+        self.worker.thread.start()
+        self.finalizer = weakref.finalize(self, shut, self.queue, self.worker, os.getpid())
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            self.close()
+        except (Exception, KeyboardInterrupt) as second:
+            if error is None:
+                raise
+            if second is not error:
+                error.add_note(f"and the recording was not closed: {second}")
+
+    @property
+    def inputs(self) -> list[Input]:
+        return [member.input for member in self.lanes.members]
+
+    def add(self, given: Input) -> int:
+        """A channel that comes late; its number among the inputs. It begins at the end of what is
+        recorded so far, unless its first samples say another tick."""
+        with self.turn:
+            start_s = self.lanes.seconds
+            number = self.next_number
+            self.worker.check(given)
+            member = FileChannel(given, number)
+            self.queue.put(partial(self.worker.add, [member], [ceil(start_s * given.rate)]))
+            self.next_number += 1
+            return self.lanes.enter(member, start_s)
+
+    def write(self, channel: str | int, values: ArrayLike, tick: int | None = None) -> None:
+        """Samples of one channel, [ticks]: counts where its input has a calibration, else floats,
+        of which NaN is a missing one. They go on where the last ended, or at ``tick``: what lies
+        between is a gap."""
+        with self.turn:
+            self.put(self.lanes.one(channel), values, tick)
+
+    def write_rows(
+        self,
+        values: ArrayLike,
+        tick: int | None = None,
+        channels: Sequence[str | int] | None = None,
+    ) -> None:
+        """Samples of channels of one rate and kind, [ticks, channels]; None: of all channels. The
+        fast way for many channels."""
+        with self.turn:
+            chosen = range(len(self.lanes.members)) if channels is None else channels
+            self.put(self.lanes.of(tuple(chosen)), values, tick)
+
+    def write_all(self, values: Mapping[str | int, ArrayLike]) -> None:
+        """Samples of several channels from where each of them ended. Long ones are taken in turns,
+        so that channels of the same time share clusters."""
+        with self.turn:
+            arrays = [(self.lanes.one(c), np.asarray(given)) for c, given in values.items()]
+            places = [0] * len(arrays)
+            until = Fraction(0)
+            while any(at < len(array) for at, (_, array) in zip(places, arrays, strict=True)):
+                until += self.lanes.cluster
+                for number, (lane, array) in enumerate(arrays):
+                    at, stop = places[number], ceil(until * lane.inputs[0].rate)
+                    if at < len(array):
+                        self.put(lane, array[at:stop], None)
+                    places[number] = max(stop, at)
+
+    def skip(self, channel: str | int, ticks: int) -> None:
+        """So many samples of a channel are missing: a gap."""
+        with self.turn:
+            lane = self.lanes.one(channel)
+            start = self.lanes.start_of(lane, None) + ticks
+            if ticks < 0 or start > TICK_LIMIT:
+                raise ParameterError(f"a gap of {ticks} ticks in {named(lane.inputs)}")
+            nothing = owned(np.empty(0, np.int32), lane.inputs)
+            self.queue.put(SampleRows(lane.channels, start, nothing), wake=start >= lane.wake)
+            self.lanes.move(lane, start)
+
+    def put(self, lane: InputGroup, values: ArrayLike, tick: int | None) -> None:
+        rows = owned(values, lane.inputs)
+        start = self.lanes.start_of(lane, tick)
+        if start + len(rows) > TICK_LIMIT:
+            raise ParameterError(f"ticks of {named(lane.inputs)} lie below 2^48, not at {start}")
+        step = max(len(rows), 1)
+        if self.on_full == "block":
+            step = max(self.queue.limit // 4 // max(rows[:1].nbytes, 1), 1)
+        for at in range(0, len(rows), step):
+            part = rows[at : at + step]
+            stop = start + at + len(part)
+            wake = stop >= lane.wake
+            item = SampleRows(lane.channels, start + at, part)
+            if self.queue.put(item, part.nbytes, wake=wake, wait=self.on_full == "block"):
+                self.taken += part.size
+            elif self.on_full == "drop":
+                self.drop(lane, len(part))
+            else:
+                raise LimitError(
+                    f"the encoder is {self.queue.size} bytes behind: {len(part)} samples of "
+                    f"{named(lane.inputs)} at tick {start} were not taken"
+                )
+            self.lanes.move(lane, stop)
+            if wake:
+                lane.wake = lane.grid.start(lane.grid.number(stop) + 1)
+
+    def drop(self, lane: InputGroup, ticks: int) -> None:
+        dropped = self.worker.progress.dropped
+        for place in lane.channels:
+            dropped[place] = dropped.get(place, 0) + ticks
+        if not self.warned:
+            self.warned = True
+            warnings.warn(
+                f"the encoder is behind: samples of {named(lane.inputs)} were dropped, and are a "
+                "gap; status() counts them",
+                RuntimeWarning,
+                stacklevel=4,
+            )
+
+    def mark(
+        self,
+        text: str,
+        time: Seconds | None = None,
+        duration: Seconds = 0,
+        channel: str | int | None = None,
+        *,
+        layer: str = "",
+    ) -> None:
+        """An event at ``time`` seconds; None: at the end of what is recorded so far."""
+        with self.turn:
+            place = None if channel is None else self.lanes.place_of(channel)
+            at = self.lanes.seconds if time is None else exact(time)
+            event = Event(at, text, exact(duration), layer=layer)
+            number = None if place is None else self.lanes.members[place].number
+            code(event, number)
+            self.queue.put(partial(self.worker.layers.add, event, number), len(text))
+
+    def clock(
+        self,
+        name: str,
+        channel: str | int | None,
+        tick: int,
+        time_ns: int,
+        uncertainty_ns: int = 0,
+    ) -> None:
+        """What another clock said at a tick of a channel; None: at a nanosecond of the recording.
+        It is stored as it is."""
+        with self.turn:
+            place = None if channel is None else self.lanes.place_of(channel)
+            number = None if place is None else self.lanes.members[place].number
+            seen = observation(name, number, tick, time_ns, uncertainty_ns)
+            self.queue.put(partial(self.worker.observed.add, seen), len(name))
+
+    def fit_clocks(self) -> None:
+        """Have maps of the clocks written at the end: see ``clock_maps``."""
+        with self.turn:
+            self.worker.observed.maps = True
+
+    def flush(self) -> None:
+        """When this returns, all that was written so far is on the disk."""
+        with self.turn:
+            self.queue.put(self.worker.flush, wake=True)
+        self.queue.join()
+
+    def status(self) -> Status:
+        progress, queue, members = self.worker.progress, self.queue, self.lanes.members
+        recorded_s = float(self.worker.writer.stop - self.lanes.start_s)
+        return Status(
+            seconds=float(self.lanes.seconds),
+            taken=self.taken,
+            missing=self.worker.clusters.missing,
+            written=progress.written,
+            dropped={members[p].input.label: n for p, n in sorted(progress.dropped.items())},
+            queued_size=queue.size + self.worker.clusters.size,
+            cluster_count=progress.cluster_count,
+            file_size=self.worker.writer.offset,
+            flushed_s=progress.flushed_s,
+            blocked_s=queue.blocked_s,
+            busy_s=progress.busy_s,
+            factor=recorded_s / progress.busy_s if progress.busy_s else 0.0,
+        )
+
+    def close(self) -> None:
+        """Write all that is here, and the index; once more does nothing."""
+        if os.getpid() != self.turn.process:
+            return
+        with self.turn.lock:
+            if self.turn.closed:
+                return
+            self.turn.closed = True
+            self.finalizer.detach()
+            end = partial(self.worker.finish, partial(self.closing, dict(self.metadata)))
+            with suppress(Exception):
+                # What the thread failed with is raised below.
+                self.queue.put(end, wake=True)
+            self.worker.thread.join()
+        if self.worker.error is not None:
+            raise self.worker.error
+
+
+def shut(queue: SampleQueue[Item], worker: Worker, process: int) -> None:
+    """Close the file of a recorder that nobody holds any more, or at the end of the program."""
+    if os.getpid() == process and threading.current_thread() is not worker.thread:
+        with suppress(Exception):
+            queue.put(partial(worker.finish, dict), wake=True)
+        worker.thread.join()
+
+
+__all__ = ["Input", "Recorder", "Status"]

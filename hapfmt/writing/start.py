@@ -1,0 +1,528 @@
+"""How a recording begins: a new file, or the end of one that is there.
+
+An existing file -> a writer that goes on at its end, however that was left (SPEC clause 15).
+"""
+
+from __future__ import annotations
+
+import os
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from math import ceil
+from types import TracebackType
+from typing import Any, BinaryIO, Literal
+
+from ..encoder.live import Input, LiveEncoder
+from ..encoder.settings import Settings
+from ..errors import HARMLESS, HapfmtError, ParameterError
+from ..format.cluster import Packet, parse_rows, parse_table_head, salvage_cluster
+from ..format.description import parse_description
+from ..format.extras import ClockObservation, build_metadata
+from ..format.source import ByteSource
+from ..format.track import Track, TrackTable, missing_channels, paired
+from ..format.walk import Finding, read_chunk
+from ..format.wire import HEADER_SIZE, check_file_id
+from ..limits import LAST_TRACK_ID
+from ..numbers import exact
+from ..reading.catalogue import Catalogue, ChunkRef
+from ..reading.opening import open_catalogue
+from ..recording import Recording
+from ..version import __version__
+from .clusters import Clusters, Layers, Observed
+from .file import LiveFile, Pipe, RecordingOutput, SyncPolicy, create_live, open_live
+from .filewriter import FileWriter
+from .worker import FileChannel, Item, SampleQueue, Worker
+
+TAIL = frozenset({"truncated", "bad-payload", "garbage", "other-file"})
+"""What is found where the writing stopped."""
+
+NOTHING_IN = frozenset({"HEAD", "TRAK", "iNDX", "fOOT"})
+"""What is written anew, or said nothing yet."""
+
+RECOVER = "run: hapfmt recover"
+PIECE = 1 << 16
+"""Bytes looked at in one go."""
+
+
+class Appending:
+    """A file open for appending: ``file, writer, catalogue = appending``.
+
+    ``findings`` is what was cut off its end, ``note`` the same for people, where it held anything.
+    As a context manager it closes both at the end of the block: also after an error, since what
+    was written until then stands.
+    """
+
+    def __init__(
+        self,
+        file: LiveFile,
+        writer: FileWriter,
+        catalogue: Catalogue,
+        findings: list[Finding],
+        note: str | None,
+    ) -> None:
+        self.file = file
+        self.writer = writer
+        self.catalogue = catalogue
+        self.findings = findings
+        self.note = note
+
+    def __iter__(self) -> Iterator[Any]:
+        yield from (self.file, self.writer, self.catalogue)
+
+    def __enter__(self) -> Appending:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            # Whoever interrupts may have done so between a chunk and its entry in the index.
+            if kind is None or issubclass(kind, Exception):
+                self.writer.close()
+        except OSError:
+            if kind is None:
+                raise
+        finally:
+            self.file.close()
+
+    def ends(self) -> dict[int, int]:
+        """For each track that had packets when the file was opened, the tick after the last."""
+        return track_ends(self.catalogue)
+
+
+def open_append(
+    path: str | os.PathLike[str],
+    *,
+    repair: bool = True,
+    sync: SyncPolicy | None = None,
+    clock: Callable[[], float] | None = None,
+) -> Appending:
+    """Lock a file and go on at its end, whether it was closed or not.
+
+    Where writing stopped within a chunk, or left bytes that are no chunk, the end is mended first
+    (SPEC WRT-007): whole packets are kept, the rest is cut off and told. A closed file is taken by
+    its index: what its payloads lost shows when they are read. ``clock``: as for a FileWriter.
+
+    Raises ParameterError where another program writes the file, where it is damaged elsewhere, or
+    anywhere and ``repair`` is False; FormatError and UnsupportedError as a Reader does.
+    """
+    file = open_live(path, sync=sync)
+    try:
+        catalogue = open_catalogue(file)
+        if not catalogue.closed:
+            # What stands before its last index has not been looked at yet.
+            catalogue = open_catalogue(file, scan=True)
+        if catalogue.unsupported:
+            raise catalogue.unsupported
+        findings = [found for found in catalogue.findings if found.code not in HARMLESS]
+        if catalogue.head is None:
+            raise ParameterError("its HEAD is incomplete, so nothing can be appended")
+        end = min((found.offset for found in findings), default=file.size)
+        if findings:
+            check_tail(catalogue, findings, end)
+        rescued = salvage(catalogue, end)
+        kept = drop_incomplete(catalogue, end)
+        if kept < end:
+            message = "incomplete track descriptions"
+            findings.insert(0, Finding("truncated", kept, end - kept, message, "TRK-012"))
+        if findings and not repair:
+            raise ParameterError("its end is damaged and cannot be mended", offset=kept)
+        note = note_of(catalogue, findings, rescued)
+        file.size = kept
+        catalogue.findings = [found for found in catalogue.findings if found.code in HARMLESS]
+        catalogue.chunks = [ref for ref in catalogue.chunks if ref.offset < kept]
+        writer = FileWriter.resume(file, catalogue, clock=clock)
+        write_again(writer, catalogue, rescued, note)
+        file.trim()
+        return Appending(file, writer, catalogue, findings, note)
+    except HapfmtError as error:
+        file.close()
+        raise error.at(path=file.path) from None
+    except BaseException:
+        file.close()
+        raise
+
+
+def check_tail(catalogue: Catalogue, findings: Sequence[Finding], end: int) -> None:
+    """Whether all damage begins at ``end``, and is what a writer or a disk leaves that stops."""
+    source = catalogue.source
+    known = [ref for ref in catalogue.chunks if ref.offset >= end]
+    other = [found for found in findings if found.code not in TAIL]
+    if other or len(known) > 1 or (known and known[0].offset > end):
+        place = other[0] if other else findings[0]
+        raise ParameterError(
+            f"damaged before its end ({place.code}); {RECOVER}", offset=place.offset
+        )
+    for found in findings:
+        if found.code == "garbage" and (
+            found.size > catalogue.level.payload_size + HEADER_SIZE
+            and not zeros(source, found.offset)
+        ):
+            raise ParameterError(
+                f"{found.size} bytes at its end belong to no chunk; {RECOVER}",
+                offset=found.offset,
+            )
+        if found.code == "other-file":
+            raise ParameterError("another file follows its end", offset=found.offset)
+
+
+def zeros(source: ByteSource, start: int) -> bool:
+    """Whether nothing but zeros follows."""
+    return not any(
+        any(source.read_at(position, PIECE)) for position in range(start, source.size, PIECE)
+    )
+
+
+def salvage(catalogue: Catalogue, end: int) -> list[Packet | None]:
+    """The packets of the cluster at ``end`` that was cut; None for each that is lost."""
+    ref = next((ref for ref in catalogue.chunks if ref.offset >= end), None)
+    chunk = read_chunk(catalogue.source, end) if ref and ref.type == "DATA" else None
+    if chunk is None or not chunk.header.known:
+        return []
+    sizes = (chunk.header.payload_size, len(chunk.payload))
+    tracks, level, at = catalogue.tracks, catalogue.level, chunk.payload_offset
+    items = salvage_cluster(chunk.payload, tracks, level, at, chunk.header.cluster_seed, sizes)
+    return [item if isinstance(item, Packet) else None for item in items]
+
+
+def drop_incomplete(catalogue: Catalogue, end: int) -> int:
+    """Where to cut: at ``end``, or before descriptions at the end that are of no use without those
+    that were to follow (TRK-012)."""
+    refs = [ref for ref in catalogue.chunks if ref.offset < end]
+    cut = not any(ref.offset >= end for ref in catalogue.chunks if ref.type == "DATA")
+    while cut and not catalogue.closed and refs and refs[-1].type == "TRAK":
+        if paired(list(catalogue.tracks.values())):
+            break
+        end = refs.pop().offset
+        catalogue.table = described(catalogue, refs)
+    if not paired(list(catalogue.tracks.values())):
+        raise ParameterError(f"some tracks lack the tracks they depend on; {RECOVER}")
+    return end
+
+
+def described(catalogue: Catalogue, refs: Sequence[ChunkRef]) -> TrackTable:
+    """What the TRAK chunks among ``refs`` say."""
+    table = TrackTable()
+    for ref in refs:
+        chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "TRAK" else None
+        if chunk is None:
+            continue
+        first, at = chunk.header.track, chunk.payload_offset
+        if table.is_new(first, chunk.payload, at):
+            table.add(parse_description(chunk.payload, first, catalogue.level, at))
+    return table
+
+
+def note_of(
+    catalogue: Catalogue, findings: Sequence[Finding], packets: Sequence[Packet | None]
+) -> str | None:
+    """What people should know of the end that was cut off; None where nothing was in it."""
+    if not findings:
+        return None
+    first = findings[0]
+    cut = [ref for ref in catalogue.chunks if ref.offset >= first.offset]
+    size = catalogue.source.size - first.offset
+    if (cut and cut[0].type in NOTHING_IN) or zeros(catalogue.source, first.offset):
+        return None
+    where = f"appending: {size} bytes at {first.offset} were cut off"
+    if not cut:
+        return f"{where}, no whole chunk"
+    if cut[0].type != "DATA":
+        return f"{where}, from a chunk {cut[0].type}"
+    kept = sum(packet is not None for packet in packets)
+    return f"{where}, from a cluster, and {kept} of its packets written again"
+
+
+def write_again(
+    writer: FileWriter, catalogue: Catalogue, packets: Sequence[Packet | None], note: str | None
+) -> None:
+    """The packets that were saved, and the note, over what is cut off: they need no room."""
+    offset = writer.offset
+    writer.cluster([packet for packet in packets if packet is not None])
+    notes = catalogue.metadata.get("notes", [])
+    if note and isinstance(notes, list):
+        writer.metadata({"notes": [*notes, note]})
+    while offset < writer.offset:
+        chunk = read_chunk(catalogue.source, offset)
+        assert chunk is not None
+        ref = ChunkRef(
+            chunk.header.type,
+            offset,
+            sequence=chunk.header.sequence,
+            size=chunk.header.payload_size,
+        )
+        catalogue.chunks.append(catalogue.learn(chunk) or ref)
+        offset = chunk.stop
+
+
+def track_ends(catalogue: Catalogue) -> dict[int, int]:
+    """The tick after the last packet of each track that has any; of a file without damage."""
+    ends: dict[int, int] = {}
+    for ref in reversed(catalogue.data):
+        if len(ends) == len(catalogue.tracks):
+            break
+        chunk = read_chunk(catalogue.source, ref.offset)
+        if chunk is None or not chunk.intact:
+            continue
+        head = parse_table_head(chunk.payload, catalogue.level, chunk.payload_offset)
+        found: dict[int, int] = {}
+        for row in parse_rows(chunk.payload, head):
+            found[row.track] = max(row.stop, found.get(row.track, 0))
+        ends = found | ends
+    return ends
+
+
+CLUSTER_S = Fraction(1)
+"""SPEC clause 15: for a live recording, where the last one may be lost."""
+
+NOTED = 100
+"""Channels whose dropped samples get a note each: metadata have to fit a chunk."""
+
+
+@dataclass
+class Options:
+    """What the caller asked for, as :class:`Recorder` says."""
+
+    settings: Settings | None = None
+    cluster: Any = None
+    patience: Any = 1
+    hold: Any = None
+    fsync: str | float = "cluster"
+    append: bool = False
+    at: Any = None
+    force: bool = False
+    metadata: dict[str, Any] = field(default_factory=dict)
+    epoch_ns: int | Literal["now"] | None = "now"
+    epoch_uncertainty_ns: int = 0
+    clock_maps: bool = False
+    canonical: int | None = None
+
+    def __post_init__(self) -> None:
+        settings = self.settings or Settings()
+        asked = settings.cluster if self.cluster is None else self.cluster
+        self.cluster = CLUSTER_S if asked is None else exact(asked)
+        self.patience = exact(self.patience)
+        self.settings = replace(settings, cluster=self.cluster)
+        if self.cluster <= 0 or self.patience < 0:
+            raise ParameterError("the cluster length must be positive, and patience not negative")
+        if self.hold is None and self.canonical is None:
+            self.hold = self.cluster + 2 * self.patience
+        self.hold = None if self.hold is None else exact(self.hold)
+        if self.canonical is not None:
+            check_file_id(self.canonical)
+            if self.hold is not None or self.append:
+                raise ParameterError(
+                    "canonical mode cannot use the time of day or append to a file"
+                )
+            if self.epoch_ns == "now":
+                self.epoch_ns = None
+        if settings.digest:
+            raise ParameterError(
+                "checksums cover whole tracks and cannot be written while recording"
+            )
+        if self.append and self.force:
+            raise ParameterError("use either force or append, not both")
+        if self.at is not None and not self.append:
+            raise ParameterError("at requires append")
+
+
+class Start:
+    """A recorder's parts, made and joined; ``members`` are the inputs in their order."""
+
+    def __init__(
+        self,
+        file: str | os.PathLike[str] | BinaryIO,
+        inputs: Sequence[Input],
+        options: Options,
+        queue: SampleQueue[Item],
+    ) -> None:
+        assert options.settings is not None
+        self.options, self.settings = options, options.settings
+        self.policy = SyncPolicy(options.fsync)
+        self.ends: list[int] = []
+        self.notes: list[str] = []
+        self.metadata = dict(options.metadata)
+        self.written: dict[str, Any] = {}
+        """Metadata that stands in the file."""
+        self.start_s = Fraction(0)
+        self.holes: list[int] = []
+        """Channel numbers below the highest without a channel."""
+        self.observed: list[ClockObservation] = []
+        """Those of the file that is gone on with, where maps are asked for."""
+        if options.append:
+            if not isinstance(file, (str, os.PathLike)):
+                raise ParameterError("a stream that is only written cannot be appended to")
+            self.append(open_append(file, sync=self.policy, clock=time.monotonic), inputs)
+        else:
+            self.create(file, inputs)
+        layers = Layers(self.output.writer.tracks.values())
+        observed = Observed(maps=options.clock_maps, before=self.observed)
+        clusters = Clusters(options.cluster, options.patience)
+        hold_s = None if options.hold is None else float(options.hold)
+        self.worker = Worker(
+            queue, self.output, self.encoder, clusters, layers, observed, hold_s=hold_s
+        )
+        self.worker.add(self.members, self.ends)
+
+    def create(self, file: str | os.PathLike[str] | BinaryIO, inputs: Sequence[Input]) -> None:
+        options = self.options
+        self.encoder = LiveEncoder(self.settings)
+        level = self.encoder.level(inputs)
+        epoch_ns = time.time_ns() if options.epoch_ns == "now" else options.epoch_ns
+        known = Recording(epoch_ns=epoch_ns, epoch_uncertainty_ns=options.epoch_uncertainty_ns)
+        made_by = f"hapfmt {__version__}: {self.settings.describe()}"
+        self.metadata["encoder"] = made_by
+        build_metadata(self.metadata)
+        clock: Callable[[], float] = time.monotonic
+        if options.canonical is not None:
+            clock = self.recorded
+        self.members = [FileChannel(given, number) for number, given in enumerate(inputs)]
+        self.ends = [0] * len(inputs)
+        self.next_number = len(inputs)
+        if isinstance(file, (str, os.PathLike)):
+            self.output = RecordingOutput(
+                create_live(file, force=options.force, sync=self.policy), self.policy
+            )
+        else:
+            self.output = RecordingOutput(Pipe(file), self.policy)
+        try:
+            self.output.writer = FileWriter(
+                self.output.target,
+                level=level,
+                file_id=options.canonical,
+                recording_uuid=uuid.uuid4() if options.canonical is None else None,
+                epoch_ns=known.epoch_ns,
+                epoch_uncertainty_ns=known.epoch_uncertainty_ns,
+                clock=clock,
+            )
+            self.output.writer.metadata(self.metadata)
+            self.written = dict(self.metadata)
+        except BaseException:
+            self.output.target.close()
+            raise
+
+    def recorded(self) -> float:
+        """Seconds of the recording, as a clock for what depends on nothing else."""
+        writer: FileWriter | None = getattr(self.output, "writer", None)
+        return float(writer.stop) if writer else 0.0
+
+    def append(self, found: Appending, inputs: Sequence[Input]) -> None:
+        try:
+            catalogue, options = found.catalogue, self.options
+            self.output = RecordingOutput(found.file, self.policy)
+            self.output.writer = found.writer
+            self.encoder = LiveEncoder(
+                self.settings, first_track=max(catalogue.tracks, default=-1) + 1
+            )
+            self.next_number = max((c.number for c in catalogue.channels), default=-1) + 1
+            self.holes = missing_channels(catalogue.tracks.values())
+            end_s = end_of(found)
+            epoch_ns = catalogue.head.epoch_ns if catalogue.head else None
+            self.start_s = start_of(options.at, end_s, epoch_ns)
+            self.members = self.match(catalogue.channels, inputs)
+            needed = self.encoder.level(m.input for m in self.members).number
+            if needed > catalogue.level.number:
+                raise ParameterError(
+                    "the file is of level 1, and these inputs need level 2 (more than 24 bits)"
+                )
+            self.ends = [ceil(self.start_s * m.input.rate) for m in self.members]
+            self.written = dict(catalogue.metadata)
+            if options.clock_maps:
+                self.observed = catalogue.clocks
+            notes = catalogue.metadata.get("notes", [])
+            self.notes = [note for note in notes if isinstance(note, str)]
+            if found.note and found.note not in self.notes:
+                self.notes.append(found.note)
+            self.notes.append(
+                f"appended from {float(self.start_s):.9g} s on by hapfmt {__version__}"
+            )
+        except BaseException:
+            found.__exit__(None, None, None)
+            raise
+
+    def closing(self, metadata: dict[str, Any]) -> dict[str, Any]:
+        """Metadata at the end: what changed, and notes of what was lost."""
+        progress = self.worker.progress
+        own = metadata.get("notes", [])
+        notes = [*self.notes, *(own if isinstance(own, list) else [])]
+        members = self.worker.members
+        dropped = [(members[p].input.label, n) for p, n in sorted(progress.dropped.items())]
+        lost = [
+            f"dropped: {count} samples of {label!r}, for which the encoder was too slow"
+            for label, count in dropped[:NOTED]
+        ]
+        if len(dropped) > NOTED:
+            more = sum(count for _, count in dropped[NOTED:])
+            lost.append(f"dropped: {more} samples of {len(dropped) - NOTED} more channels")
+        lost += self.worker.notes
+        if self.notes or lost:
+            metadata = {**metadata, "notes": [*notes, *lost]}
+        return {k: v for k, v in metadata.items() if k not in self.written or self.written[k] != v}
+
+    def number(self) -> int:
+        """Of a new channel: one that a crash left without a channel, else the next."""
+        if self.holes:
+            return self.holes.pop(0)
+        self.next_number += 1
+        return self.next_number - 1
+
+    def match(self, channels: Sequence[Any], inputs: Sequence[Input]) -> list[FileChannel]:
+        """Inputs and their channels in the file: those of the same label, rate and unit, each
+        once; else new ones."""
+        free = list(channels)
+        members = []
+        for given in inputs:
+            same = (given.label, given.rate, given.unit)
+            for ref in free:
+                component = ref.track.components[ref.index]
+                if same == (component.label, ref.track.rate, component.unit):
+                    free.remove(ref)
+                    members.append(FileChannel(given, ref.number, is_new=False))
+                    self.encoder.known(ref.number, last_track(ref))
+                    break
+            else:
+                members.append(FileChannel(given, self.number()))
+        if self.next_number > LAST_TRACK_ID:
+            raise ParameterError(f"a recording has at most {LAST_TRACK_ID} channels")
+        return members
+
+
+def last_track(ref: Any) -> Track:
+    """The track that goes on with the channel."""
+    track: Track = ref.parts[-1].track
+    return track
+
+
+def end_of(found: Appending) -> Fraction:
+    """Seconds to the end of the last sample; events are no samples."""
+    tracks = found.catalogue.tracks
+    ends = ((tracks[id_], tick) for id_, tick in found.ends().items())
+    samples = (tick / track.rate for track, tick in ends if track.kind != "events")
+    return max(samples, default=Fraction(0))
+
+
+def start_of(at: Any, end_s: Fraction, epoch_ns: int | None) -> Fraction:
+    """Seconds where an appended part begins."""
+    if at is None:
+        return end_s
+    if at == "now":
+        if epoch_ns is None:
+            raise ParameterError("the file has no epoch, so the time now has no place in it")
+        start_s = Fraction(time.time_ns() - epoch_ns, 10**9)
+    else:
+        start_s = exact(at)
+    if start_s < end_s:
+        raise ParameterError(
+            f"the recording ends at {float(end_s):.9g} s: nothing is appended at "
+            f"{float(start_s):.9g} s"
+        )
+    return start_s
+
+
+__all__ = ["Options", "Start"]

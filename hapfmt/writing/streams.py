@@ -1,0 +1,606 @@
+"""A stream of any kind -> a recorder (docs/streams.md): the first bytes tell which it is.
+
+What a stream says -> calls of a recorder; the words of docs/streams.md.
+
+A stream of lines -> rows and objects (docs/streams.md).
+
+A stream of binary frames -> samples and objects (docs/streams.md).
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from math import isinf
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import UNSET, Meta, Struct, UnsetType
+from msgspec.structs import asdict
+from numpy.typing import NDArray
+
+from ..descriptions import OneOf, parse_json, read
+from ..encoder.live import Input
+from ..errors import ParameterError
+from ..recording import Calibration, spans_of
+from ..times import may_be_times
+from ..units import split_name, to_ucum, units_for
+from .recorder import Recorder
+
+
+class StreamKeys(Struct, frozen=True, forbid_unknown_fields=True):
+    """An object of a stream."""
+
+
+class ChannelKeys(StreamKeys, frozen=True):
+    """A channel: what an Input has, as JSON."""
+
+    label: str
+    rate: Annotated[float | str, Meta(description="the ticks per second")]
+    unit: str = "1"
+    quantity: str = ""
+    axis: str = ""
+    group: str = ""
+    body_site: str = ""
+    device: str = ""
+    calibration: Annotated[tuple[int, ...], Meta(min_length=1, max_length=3)] | None = None
+    """A, B and D."""
+    bits: int = 24
+    lsb: float | None = None
+
+    def made(self) -> Input:
+        given = asdict(self) | {"unit": to_ucum(self.unit)}
+        if self.calibration is not None:
+            given["calibration"] = Calibration(*self.calibration)
+        return Input(**given)
+
+
+class HeaderKeys(StreamKeys, frozen=True):
+    """What stands at the beginning of a stream."""
+
+    channels: Annotated[tuple[ChannelKeys, ...], Meta(min_length=1)]
+    metadata: dict[str, Any] = msgspec.field(default_factory=dict)
+    epoch_ns: int | Literal["now"] | UnsetType | None = UNSET
+    epoch_uncertainty_ns: int | UnsetType = UNSET
+
+    def made(self) -> Header:
+        epoch = {"epoch_ns": self.epoch_ns, "epoch_uncertainty_ns": self.epoch_uncertainty_ns}
+        given = {key: value for key, value in epoch.items() if value is not UNSET}
+        return Header([each.made() for each in self.channels], self.metadata, given)
+
+
+class Action(OneOf):
+    """An object after the header; docs/streams.md says what each does."""
+
+    __slots__ = ()
+
+
+class Values(StreamKeys, Action, frozen=True):
+    values: tuple[float | None, ...]
+    channel: int | str
+    tick: int | None = None
+
+
+class Mark(StreamKeys, Action, frozen=True):
+    mark: str
+    time: float | None = None
+    duration: float | None = None
+    channel: int | str | None = None
+    layer: str | None = None
+
+
+class Clock(StreamKeys, Action, frozen=True):
+    clock: str
+    tick: int
+    time_ns: int
+    channel: int | str | None = None
+    uncertainty_ns: int | None = None
+
+
+class Add(StreamKeys, Action, frozen=True):
+    add: ChannelKeys
+
+
+class Skip(StreamKeys, Action, frozen=True):
+    skip: int
+    channel: int | str | None = None
+
+
+class Flush(StreamKeys, Action, frozen=True):
+    flush: Any
+
+
+class More(StreamKeys, Action, frozen=True):
+    metadata: dict[str, Any]
+
+
+ACTIONS = (Values, Mark, Clock, Add, Skip, Flush, More)
+Action.kinds = {kind.__struct_fields__[0]: kind for kind in ACTIONS}
+
+
+@dataclass
+class Header:
+    """What stands at the beginning of a stream."""
+
+    inputs: list[Input]
+    metadata: dict[str, Any] = field(default_factory=dict)
+    given: dict[str, Any] = field(default_factory=dict)
+    """The epoch, where it is given."""
+    notes: list[str] = field(default_factory=list)
+    """What a person may want to know of it."""
+
+
+class StreamSession:
+    """One stream, and the recorder that it begins with its header."""
+
+    def __init__(self, begin: Callable[[Header], Recorder]) -> None:
+        self.begin = begin
+        self.recorder: Recorder | None = None
+        self.tick = 0
+        """Of the next row."""
+
+    def start(self, header: Header) -> None:
+        self.recorder = self.begin(header)
+        self.tick = max((int(c) for c in self.recorder.lanes.ticks), default=0)
+
+    @property
+    def running(self) -> Recorder:
+        if self.recorder is None:
+            raise ParameterError("the stream does not begin with a header")
+        return self.recorder
+
+    def object(self, given: dict[str, Any]) -> None:
+        """A header, or one of the actions."""
+        if self.recorder is None:
+            self.start(read(HeaderKeys, given).made())
+        elif "channels" in given:
+            raise ParameterError("a stream can have only one header")
+        else:
+            self.act(read(Action, given))
+
+    def act(self, action: Action) -> None:
+        recorder = self.running
+        match action:
+            case Values(values, channel, tick):
+                found = np.array([np.nan if v is None else v for v in values], np.float64)
+                self.samples(channel, found, tick)
+            case Mark(text, time, duration, channel, layer):
+                recorder.mark(text, time, duration or 0, channel, layer=layer or "")
+            case Clock(name, tick, time_ns, channel, uncertainty_ns):
+                recorder.clock(name, channel, tick, time_ns, uncertainty_ns or 0)
+            case Add(given):
+                recorder.add(given.made())
+            case Skip(ticks, channel) if channel is not None:
+                recorder.skip(channel, ticks)
+            case Skip(ticks):
+                self.tick += max(ticks, 0)
+            case Flush():
+                recorder.flush()
+            case More(metadata):
+                recorder.metadata.update(metadata)
+
+    def rows(self, values: NDArray[Any], tick: int | None = None) -> None:
+        """Rows [ticks, channels], NaN where a sample is missing."""
+        recorder = self.running
+        start = self.tick if tick is None else tick
+        rates = {given.rate for given in recorder.inputs}
+        if len(rates) > 1:
+            raise ParameterError(
+                "rows are for channels of one rate: give the values of each channel"
+            )
+        counts = [p for p, given in enumerate(recorder.inputs) if given.takes_counts]
+        floats = [p for p, given in enumerate(recorder.inputs) if not given.takes_counts]
+        if counts:
+            chosen = values[:, counts]
+            if chosen.dtype.kind == "i":
+                recorder.write_rows(chosen, start, counts)
+            elif not np.isnan(chosen).any():
+                recorder.write_rows(whole(chosen), start, counts)
+            else:
+                for place in counts:
+                    self.counts(place, values[:, place], start)
+        if floats:
+            chosen = values if not counts else values[:, floats]
+            recorder.write_rows(chosen, start, floats)
+        self.tick = start + len(values)
+
+    def counts(self, place: int, values: NDArray[np.float64], start: int) -> None:
+        """Counts of one channel, some of them missing."""
+        recorder, stop = self.running, start + len(values)
+        for span in spans_of(~np.isnan(values), start):
+            recorder.write(place, whole(values[span.start - start : span.stop - start]), span.start)
+        recorder.skip(place, stop - int(recorder.lanes.ticks[place]))
+
+    def samples(self, channel: str | int, values: NDArray[Any], tick: int | None) -> None:
+        """Samples of one channel; NaN where one is missing."""
+        recorder = self.running
+        place = recorder.lanes.place_of(channel)
+        if values.dtype.kind == "f" and recorder.inputs[place].takes_counts:
+            start = int(recorder.lanes.ticks[place]) if tick is None else tick
+            recorder.lanes.start_of(recorder.lanes.one(place), start)
+            self.counts(place, values.astype(np.float64), start)
+        else:
+            recorder.write(place, values, tick)
+
+
+def whole(values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Counts that came as text or floats."""
+    if values.size and not (np.abs(values) < 2.0**53).all():
+        raise ParameterError("a count beyond 2^53")
+    counts = values.astype(np.int64)
+    if (counts != values).any():
+        odd = float(values[counts != values].flat[0])
+        raise ParameterError(f"{odd!r} is not an integer count, but the calibration requires one")
+    return counts
+
+
+LINE_SIZE = 1 << 24
+"""A longer line is refused, not collected."""
+
+TICK_DIGITS = 19
+"""More than any tick has; Python refuses to read thousands of them."""
+
+DECIMAL = re.compile(rb"[+-]?\d*[.,]?\d+(e[+-]?\d+)?", re.I)
+"""A number with a decimal point or comma."""
+
+
+class RangeError(ValueError):
+    """A number, and no name, but too large for a double."""
+
+
+@dataclass(frozen=True)
+class BareTable:
+    """What is known of a bare table of numbers, which has no header."""
+
+    rate: Fraction | None = None
+    labels: Sequence[str] = ()
+    unit: str | None = None
+    lsb: float | None = None
+
+    def header(self, names: Sequence[str] = (), columns: int = 0) -> Header:
+        """For columns of these names, or of so many without any."""
+        if self.rate is None:
+            raise ParameterError("a table needs its rate: --rate 1000, or a header of JSON")
+        given = [split_name(name) for name in names]
+        labels = list(self.labels) or [label for label, _ in given]
+        labels = labels or [str(number + 1) for number in range(columns)]
+        if len(labels) != (columns or len(names)):
+            raise ParameterError(
+                f"{len(labels)} labels for {columns or len(names)} columns: --labels a,b,c"
+            )
+        if self.unit is not None:
+            units = units_for(self.unit, len(labels))
+        else:
+            units = [to_ucum(unit) for _, unit in given] or ["1"] * len(labels)
+        notes = []
+        if len(names) > 1 and may_be_times(names[0]):
+            notes.append(
+                f"column {names[0]!r} is recorded as a channel; hapfmt encode places rows by their "
+                "times"
+            )
+        return Header(
+            [
+                Input(label, self.rate, unit, lsb=self.lsb)
+                for label, unit in zip(labels, units, strict=True)
+            ],
+            notes=notes,
+        )
+
+
+@dataclass
+class PendingRows:
+    """Lines of numbers that follow on, not parsed yet."""
+
+    lines: list[bytes] = field(default_factory=list)
+    number: int = 0
+    tick: int | None = None
+
+
+class LineStream:
+    """Takes bytes in pieces of any size; whole lines are worked off at the end of each piece."""
+
+    def __init__(self, session: StreamSession, table: BareTable) -> None:
+        self.session, self.table = session, table
+        self.rest = b""
+        self.number = 0
+        self.rows = PendingRows()
+
+    @property
+    def place(self) -> str:
+        return f"line {self.number}"
+
+    def feed(self, data: bytes) -> None:
+        *lines, self.rest = (self.rest + data).split(b"\n")
+        for line in lines:
+            self.line(line)
+        self.settle()
+        if len(self.rest) > LINE_SIZE:
+            self.number += 1
+            raise ParameterError(f"a line of more than {LINE_SIZE} bytes")
+
+    def finish(self) -> None:
+        """The last line may have no end."""
+        if self.rest:
+            self.line(self.rest)
+        self.rest = b""
+        self.settle()
+
+    def line(self, line: bytes) -> None:
+        line = line.strip(b" \r")
+        self.number += 1
+        if not line or line.startswith(b"#"):
+            return
+        if line.startswith(b"{"):
+            self.settle()
+            self.session.object(parse_json(line))
+            return
+        if self.session.recorder is None and self.begin(line):
+            return
+        tick = None
+        if line.startswith(b"@"):
+            self.settle()
+            head, _, line = line[1:].partition(b" ")
+            if not head.isdigit() or len(head) > TICK_DIGITS or not line.strip():
+                raise ParameterError("@ is followed by a tick, a space, and a row")
+            tick = int(head)
+        if not self.rows.lines:
+            self.rows.number, self.rows.tick = self.number, tick
+        elif self.number != self.rows.number + len(self.rows.lines):
+            # A comment stood between them, and errors count lines.
+            self.settle()
+            self.rows.number = self.number
+        self.rows.lines.append(line)
+
+    def begin(self, line: bytes) -> bool:
+        """The recorder of a bare table; whether its first line holds names."""
+        names = [name.decode("utf-8", "replace").strip() for name in fields_of(line)]
+        refuse_commas(line)
+        try:
+            parse_rows([line.partition(b" ")[2] if line.startswith(b"@") else line], len(names))
+        except RangeError as error:
+            raise ParameterError(str(error)) from None
+        except ValueError:
+            self.session.start(self.table.header(names))
+            return True
+        self.session.start(self.table.header(columns=len(names)))
+        return False
+
+    def settle(self) -> None:
+        """Hand over the rows that were collected."""
+        rows, self.rows = self.rows, PendingRows()
+        if not rows.lines:
+            return
+        columns = len(self.session.running.inputs)
+        try:
+            values = parse_rows(rows.lines, columns)
+        except ValueError:
+            good = []
+            for place, line in enumerate(rows.lines):
+                try:
+                    good.append(parse_rows([line], columns))
+                except ValueError as error:
+                    self.hand_over(good, rows.tick)
+                    self.number = rows.number + place
+                    refuse_commas(line)
+                    raise ParameterError(str(error)) from None
+            raise AssertionError("rows that parse alone parse together") from None
+        self.hand_over([values], rows.tick, rows.number)
+
+    def hand_over(
+        self, parts: Sequence[NDArray[np.float64]], tick: int | None, number: int | None = None
+    ) -> None:
+        if not parts:
+            return
+        last, self.number = self.number, self.number if number is None else number
+        values, recorder = np.concatenate(parts), self.session.running
+        taken = recorder.taken
+        try:
+            self.session.rows(values, tick)
+        except ParameterError:
+            if number is None or len(values) == 1 or recorder.taken > taken:
+                raise
+            # One of them is at fault: the others are kept.
+            for place, row in enumerate(values):
+                self.number = number + place
+                self.session.rows(row[None], tick if place == 0 else None)
+        self.number = last
+
+
+def refuse_commas(line: bytes) -> None:
+    """Decimal commas, which would be taken for commas between numbers, and the rest for names.
+
+    "0,25" alone is two numbers; next to a semicolon, a tab or a space it is one.
+    """
+    for separator in (b";", b"\t", None):
+        cells = [cell.strip() for cell in line.split(separator)]
+        cells = [cell for cell in cells if cell]
+        odd = [cell for cell in cells if b"," in cell]
+        if len(cells) > 1 and odd and all(DECIMAL.fullmatch(cell) for cell in cells):
+            raise ParameterError(
+                f"{odd[0].decode()!r} has a decimal comma; write decimal points, as in 1.5"
+            )
+
+
+def fields_of(line: bytes) -> list[bytes]:
+    for separator in (b",", b";", b"\t"):
+        if separator in line:
+            return line.split(separator)
+    return line.split()
+
+
+def parse_rows(lines: Sequence[bytes], columns: int) -> NDArray[np.float64]:
+    """[lines, columns], NaN where a field is empty; ValueError says what is wrong."""
+    out = np.empty((len(lines), columns))
+    for place, line in enumerate(lines):
+        found = fields_of(line)
+        if len(found) != columns:
+            raise ValueError(f"{len(found)} values for {columns} channels")
+        try:
+            out[place] = [float(text) if text and not text.isspace() else np.nan for text in found]
+        except ValueError:
+            odd = next(text for text in found if not is_number(text))
+            raise ValueError(f"{odd.decode('utf-8', 'replace')!r} is not a number") from None
+    if np.isinf(out).any():
+        # "inf" is a value; a number too large would become one without a word.
+        for line in lines:
+            for text in fields_of(line):
+                if overflows(text):
+                    shown = text.decode("utf-8", "replace").strip()
+                    raise RangeError(f"{shown[:40]!r} is beyond the range of a double")
+    return out
+
+
+def overflows(text: bytes) -> bool:
+    return b"inf" not in text.lower() and bool(text.strip()) and isinf(float(text))
+
+
+def is_number(text: bytes) -> bool:
+    try:
+        return float(text.strip() or b"nan") is not None
+    except ValueError:
+        return False
+
+
+MAGIC = b"hFr1"
+HEADER = struct.Struct("<4sBBHqII")
+"""Magic, type, number format, channel, tick, count, size of the payload."""
+
+OBJECT, SAMPLES, ROWS = range(3)
+FORMATS = {1: "<i2", 2: "<i4", 3: "<f4", 4: "<f8"}
+GO_ON = -1
+"""In place of a tick: where the last sample ended."""
+
+PAYLOAD_SIZE = 1 << 26
+"""A longer frame is refused, not collected."""
+
+
+def build_frame(
+    type_: int,
+    payload: bytes,
+    *,
+    number_format: int = 0,
+    channel: int = 0,
+    tick: int = GO_ON,
+    count: int = 0,
+) -> bytes:
+    head = HEADER.pack(MAGIC, type_, number_format, channel, tick, count, len(payload))
+    return head + payload
+
+
+class Frames:
+    """Takes bytes in pieces of any size; whole frames are worked off."""
+
+    def __init__(self, session: StreamSession) -> None:
+        self.session = session
+        self.rest = bytearray()
+        self.offset = 0
+
+    @property
+    def place(self) -> str:
+        return f"byte {self.offset}"
+
+    def feed(self, data: bytes) -> None:
+        self.rest += data
+        at = 0
+        try:
+            while len(self.rest) - at >= HEADER.size:
+                magic, type_, format_, channel, tick, count, size = HEADER.unpack_from(
+                    self.rest, at
+                )
+                if magic != MAGIC:
+                    raise ParameterError("no frame begins here")
+                if size > PAYLOAD_SIZE:
+                    raise ParameterError(f"a frame of {size} bytes, above {PAYLOAD_SIZE}")
+                stop = at + HEADER.size + size
+                if len(self.rest) < stop:
+                    break
+                payload = bytes(memoryview(self.rest)[at + HEADER.size : stop])
+                self.frame(type_, format_, channel, tick, count, payload)
+                self.offset += stop - at
+                at = stop
+        finally:
+            del self.rest[:at]
+
+    def finish(self) -> None:
+        if self.rest:
+            raise ParameterError(f"the stream ends within a frame, {len(self.rest)} bytes into it")
+
+    def frame(
+        self, type_: int, format_: int, channel: int, tick: int, count: int, payload: bytes
+    ) -> None:
+        if type_ == OBJECT:
+            self.session.object(parse_json(payload))
+            return
+        if type_ not in (SAMPLES, ROWS) or format_ not in FORMATS or tick < GO_ON:
+            raise ParameterError(f"a frame of type {type_}, number format {format_}, tick {tick}")
+        inputs = self.session.running.inputs
+        columns = 1 if type_ == SAMPLES else len(inputs)
+        dtype = np.dtype(FORMATS[format_])
+        if len(payload) != count * columns * dtype.itemsize:
+            raise ParameterError(f"{len(payload)} bytes are not {count} times {columns} samples")
+        values = np.frombuffer(payload, dtype)
+        start = None if tick == GO_ON else tick
+        if type_ == SAMPLES:
+            self.session.samples(channel, values, start)
+        else:
+            self.session.rows(values.reshape(count, columns), start)
+
+
+class InputStream:
+    """Takes bytes in pieces of any size. ``begin`` makes the recorder once the channels are known.
+
+    Errors of the stream say where: a line, or the byte where a frame begins. What came before is
+    with the recorder.
+    """
+
+    def __init__(self, begin: Callable[[Header], Recorder], table: BareTable | None = None) -> None:
+        self.session = StreamSession(begin)
+        self.table = table or BareTable()
+        self.first = b""
+        self.parser: LineStream | Frames | None = None
+
+    @property
+    def recorder(self) -> Recorder | None:
+        return self.session.recorder
+
+    def feed(self, data: bytes) -> None:
+        if self.parser is None:
+            self.first += data
+            if len(self.first) < len(MAGIC) and MAGIC.startswith(self.first):
+                return
+            self.choose()
+            data, self.first = self.first, b""
+        assert self.parser is not None
+        self.work(lambda parser: parser.feed(data))
+
+    def choose(self) -> None:
+        binary = self.first.startswith(MAGIC)
+        self.parser = Frames(self.session) if binary else LineStream(self.session, self.table)
+
+    def finish(self) -> None:
+        """The stream has ended."""
+        if self.parser is None:
+            self.choose()
+            first = self.first
+            self.work(lambda parser: parser.feed(first))
+        self.work(lambda parser: parser.finish())
+        if self.recorder is None:
+            raise ParameterError("the stream ended before any channel was named")
+
+    def work(self, step: Callable[[LineStream | Frames], None]) -> None:
+        assert self.parser is not None
+        try:
+            step(self.parser)
+        except ParameterError as error:
+            if error.path is not None:
+                # Of the file that is written.
+                raise
+            raise StreamError(f"{self.parser.place}: {error.message}") from error
+
+
+class StreamError(ParameterError):
+    """What a stream says makes no sense."""

@@ -1,0 +1,222 @@
+"""Recording -> file (SPEC clause 15)."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import uuid
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from fractions import Fraction
+from typing import Any, BinaryIO, Literal
+
+from ..codecs.events import coded, event_packets, layer_track, rate_of
+from ..convert import refuse_foreign
+from ..encoder.encode import Decision, Encoded, encode
+from ..encoder.settings import INPUT, INPUT_SIZE, Settings, alias_note, lossy_preset, renamed
+from ..errors import ParameterError, unknown
+from ..events import by_layer
+from ..files import refuse, target
+from ..format.cluster import Packet
+from ..format.description import build_track
+from ..format.extras import Attachment, build_attachment, build_metadata
+from ..format.track import Track
+from ..format.wire import check_file_id
+from ..limits import LEVELS
+from ..reading.decoder import TrackDecoder, TrackDigest
+from ..recording import Rate, Recording, Units, recording_of
+from ..version import __version__
+from .filewriter import FileWriter
+
+SHOWN = 6
+"""Channels that a printed summary names."""
+
+NAMED = ("rate", "labels", "units", "transpose", "canonical", "force", "progress", "threads")
+"""Options of :func:`write` that are no settings."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What was written: bytes in all, bytes of packets, samples, and the encoder's decisions."""
+
+    file_size: int
+    payload_size: int
+    sample_count: int
+    decisions: tuple[Decision, ...]
+
+    def __repr__(self) -> str:
+        """One line for the file and one for each of the first channels."""
+        lines = [f"Summary: {self.file_size} bytes, {self.sample_count} samples"]
+        for decision in self.decisions[:SHOWN]:
+            error = (
+                f"{decision.largest_error:.3g} {decision.unit}" if decision.largest_error else "0"
+            )
+            lines.append(
+                f"  {decision.label or decision.channel!r}: {decision.kept_as}, "
+                f"{decision.size} bytes, largest error {error}"
+            )
+        if len(self.decisions) > SHOWN:
+            lines.append(f"  and {len(self.decisions) - SHOWN} more channels")
+        return "\n".join(lines)
+
+
+def write(
+    recording: Any,
+    file: str | os.PathLike[str] | BinaryIO,
+    settings: Settings | None = None,
+    *,
+    rate: Rate | None = None,
+    labels: str | Sequence[str] | None = None,
+    units: Units | None = None,
+    transpose: bool | None = None,
+    preset: str | None = None,
+    canonical: int | Literal["content"] | None = None,
+    force: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+    threads: int | None = None,
+    **options: Any,
+) -> Summary:
+    """Encode a recording or an array into a path or a binary stream.
+
+    ``recording`` is a Recording, Channels, or numbers: an array [samples] or [channels, samples],
+    {label: array [samples]}, or a table of pandas or xarray with a column for each channel. NaN and
+    masked values are gaps. Integers of up to 32 bits are kept as counts. Arrays need ``rate``,
+    samples per second (1000, 35.618 or "44100/7"); a table may have times as its index: they place
+    the rows, and a MovedTimesWarning tells where they were moved. Names of columns and of a dict,
+    such as "fx [N]" or "fx (N)", give labels and units. ``labels``: one text for each channel.
+    ``units``: one text for all channels, one for each, or {label: unit}.
+    An array of more rows than columns is refused, unless there is a label for each row: pass
+    ``array.T``, or say ``transpose=True`` or ``False``.
+
+    ``preset`` and any field of :class:`hapfmt.Settings` choose the encoding, such as
+    ``preset="near-lossless", max_error="0.1%"``; or give whole ``settings``.
+
+    ``canonical`` is the file id of canonical mode: the same input gives the same bytes. "content"
+    takes it from what is encoded. Give each file a number of its own: it keeps parts of other files
+    out. Otherwise the id, and the UUID of a recording that has none, are random. An existing path
+    is refused unless ``force``. ``progress`` is called with (channels done, channels in all).
+    ``threads`` code channels; None: as many as HAPFMT_THREADS says, else as there are CPUs, one
+    where the work is small. The bytes do not depend on it.
+
+    Raises ParameterError where the recording does not fit the format.
+    """
+    if settings is not None and (preset is not None or options):
+        raise ParameterError("give settings, or a preset with options, not both")
+    if settings is None:
+        if preset is not None and (note := alias_note(preset)):
+            warnings.warn(note, DeprecationWarning, stacklevel=2)
+        name, given = renamed("lossless" if preset is None else preset, options)
+        try:
+            settings = Settings.of(name, **given)
+        except TypeError:
+            known = [field.name for field in fields(Settings)]
+            odd = next((option for option in options if option not in known), None)
+            if odd is None:
+                raise
+            raise ParameterError(unknown("option", odd, [*known, *NAMED])) from None
+    if isinstance(file, (str, os.PathLike)):
+        refuse_foreign(file)
+    recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)
+    check_file_id(None if canonical == "content" else canonical)
+    if isinstance(file, (str, os.PathLike)):
+        refuse(os.fspath(file), force)
+    encoded = encode(recording, settings, progress=progress, threads=threads)
+    if not isinstance(recording.metadata, dict):
+        raise ParameterError("metadata must be a JSON object, a dict in Python")
+    made_by = f"hapfmt {__version__}: {encoded.settings.describe()}"
+    earlier = recording.metadata.get("encoder")
+    if lossy_preset(earlier):
+        made_by += f"{INPUT}{earlier}"[:INPUT_SIZE]
+    metadata = {**recording.metadata, "encoder": made_by}
+    try:
+        attached = [Attachment(name, *rest) for name, rest in recording.attachments.items()]
+        extras = [build_metadata(metadata), *(build_attachment(a) for a in attached)]
+    except (TypeError, AttributeError):
+        raise ParameterError("attachments are {name: (media type, bytes)}") from None
+    level = encoded.level
+    if max(len(payload) for payload in extras) > level.payload_size:
+        level = LEVELS[2]
+    cluster = settings.cluster_of(recording)
+    layers, events = layers_of(recording, len(encoded.tracks), cluster)
+    tracks = [*encoded.tracks, *layers]
+    own_uuid = recording.uuid or (uuid.uuid4() if canonical is None else None)
+    if canonical == "content":
+        canonical = content_id(tracks, encoded.packets + events, extras)
+    with target(file, force) as stream:
+        out = FileWriter(
+            stream,
+            level=level,
+            file_id=canonical,
+            recording_uuid=own_uuid,
+            epoch_ns=recording.epoch_ns,
+            epoch_uncertainty_ns=recording.epoch_uncertainty_ns,
+        )
+        out.describe(tracks)
+        out.metadata(metadata)
+        for attachment in attached:
+            out.attach(attachment)
+        for packets in clusters(tracks, encoded.packets + events, cluster):
+            out.cluster(packets)
+        if settings.digest:
+            out.digest(digests_of(encoded))
+        out.close()
+    return Summary(
+        out.offset,
+        sum(len(packet.data) for packet in encoded.packets + events),
+        recording.sample_count,
+        tuple(encoded.decisions),
+    )
+
+
+def content_id(tracks: Sequence[Track], packets: Sequence[Packet], extras: Sequence[bytes]) -> int:
+    """A file id from all that a file says."""
+    digest = hashlib.sha256()
+    parts = [build_track(track) for track in tracks] + list(extras)
+    for packet in packets:
+        fields = b"%d %d %d" % (packet.track, packet.start, packet.span)
+        parts += [fields, packet.data]
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "little") + part)
+    return int.from_bytes(digest.digest()[:8], "little")
+
+
+def layers_of(
+    recording: Recording, first_id: int, seconds: Fraction
+) -> tuple[list[Track], list[Packet]]:
+    """A track for each layer of events, and their packets."""
+    labels = [channel.label for channel in recording.channels]
+    tracks: list[Track] = []
+    packets: list[Packet] = []
+    for layer, events in by_layer(recording.events).items():
+        track = layer_track(first_id + len(tracks), layer, rate_of(events))
+        rows = [coded(event, track.rate, labels) for event in events]
+        packets += event_packets(track.id, rows, seconds * track.rate)
+        tracks.append(track)
+    return tracks, packets
+
+
+def clusters(
+    tracks: Sequence[Track], packets: Sequence[Packet], seconds: Fraction
+) -> Iterator[list[Packet]]:
+    """Packets of one stretch of time after the other."""
+    ticks = {track.id: (seconds * track.rate).as_integer_ratio() for track in tracks}
+    by_time: dict[int, list[Packet]] = {}
+    for packet in packets:
+        n, d = ticks[packet.track]
+        number = packet.start * d // n
+        by_time.setdefault(number, []).append(packet)
+    for number in sorted(by_time):
+        yield by_time[number]
+
+
+def digests_of(encoded: Encoded) -> dict[int, bytes]:
+    """SHA-256 of what the decoder makes of each track (SPEC 6.9)."""
+    decoders = {track.id: TrackDecoder(track, encoded.level) for track in encoded.tracks}
+    found = {track.id: TrackDigest() for track in encoded.tracks}
+    for packet in encoded.packets:
+        decoder = decoders[packet.track]
+        numbers = decoder.decode(packet)
+        exact = decoder.decode_exact(packet, numbers)
+        found[packet.track].update(packet.start, numbers if exact is None else exact)
+    return {track: digest.digest() for track, digest in found.items()}
