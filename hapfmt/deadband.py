@@ -1,13 +1,14 @@
-"""The deadband contract: does a reconstruction stay where nobody feels the difference? In integers.
+"""The deadband's error bound: whether a reconstruction differs by less than a person can feel.
 
-For input x, reconstruction y and z, the count of the physical value 0, each tick keeps
+x is the input, y the reconstruction, z the count of the physical value 0. Each tick keeps
 
     scalar   |x - y| * kd <= max(kn * |x - z|, floor * kd)            per component
     vector   |x - y|^2 * kd^2 <= max(kn^2 * |x - z|^2, floor^2 * kd^2)   Euclidean norms
 
-so that two programs can never disagree about a sample. kn / kd is the Weber fraction. The floor is
-mandatory: Weber's law alone asks for a tolerance of nothing at 0 N, and spends most of a file there
-(a force that decays to zero: 4667 knots of 14000 samples, 25 with a floor of 10 mN).
+All numbers are integers, so two programs never disagree about a sample. kn / kd is the Weber
+fraction. The floor (absolute threshold) is mandatory: Weber's law alone allows no error at 0 N, so
+most of a file would be spent there. A force that decays to zero takes 4667 knots of 14000 samples
+without a floor, and 25 with a floor of 10 mN.
 """
 
 from __future__ import annotations
@@ -41,12 +42,13 @@ _RATIO_BITS = 20
 
 @dataclass(frozen=True)
 class Deadband:
-    """The contract of one track.
+    """The error bound of one track.
 
     kn, kd
         Weber fraction kn / kd; 0 <= kn < 2**16 (0: only the floor counts), 1 <= kd < 2**16.
     floor
-        counts >= 1, one per component; in vector mode the first one counts, and may stand alone.
+        counts >= 1, one per component; in vector mode the first one counts, and may be the only
+        one.
     zero
         the count nearest to the physical value 0, one per component.
     vector

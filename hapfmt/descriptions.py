@@ -1,7 +1,7 @@
-"""What people write: scenes, profiles, studies, headers of streams. A Struct declares once what its
-keys may hold; values, errors and JSON schemas come from it.
+"""Descriptions that people write in TOML: scenes, profiles, studies, headers of streams.
 
-Descriptions in TOML: those that come with the package, and those in files.
+A Struct declares once what its keys may hold. Values, errors and JSON schemas follow from it. The
+descriptions come with the package or are files of the user.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class DescriptionError(ParameterError, ValueError):
 
 
 class OneOf:
-    """One of several tables, told apart by a key that no other has."""
+    """One of several tables: a key that only one of them has selects it."""
 
     __slots__ = ()
     kinds: ClassVar[Mapping[str, type[OneOf]]]
@@ -363,7 +363,7 @@ TOKEN = re.compile(
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Raise ParameterError where the text is no TOML, or more than a description needs."""
+    """Raise ParameterError if the text is not TOML, or larger than a description needs."""
     check_size(text)
     try:
         return tomllib.loads(text)

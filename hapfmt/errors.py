@@ -1,10 +1,8 @@
-"""Every error that leaves the package, whatever the bytes (OSError apart).
+"""The exceptions of the package, verdicts on files, and suggestions for mistyped names.
 
-A message names the place and the rule: ``file.hapf:0x1f3: knot ticks not increasing [KNT-003]``.
-
-The verdict on a file: the table of SPEC clause 13, in the one place where it is applied.
-
-Names that a person mistyped.
+Input of any kind raises only these exceptions and OSError. A message names the place and the rule:
+``file.hapf:0x1f3: knot ticks not increasing [KNT-003]``. Only this module applies the table of
+SPEC clause 13, which gives the verdict on a file.
 """
 
 from __future__ import annotations
@@ -186,8 +184,8 @@ def matching(pattern: str, names: Sequence[str]) -> list[int]:
 def channels_called(names: Any, labels: Mapping[int, str]) -> list[int]:
     """Numbers of channels by label or number, in the order asked for; ``labels`` by number.
 
-    A text that is no label but a number is taken as one; others may be patterns such as "pos_*".
-    Negative numbers count from the end. Of several channels of one label the first is meant.
+    A number that is not a label selects by number; other texts may be patterns such as "pos_*".
+    Negative numbers count from the end. If several channels share a label, it selects the first.
     """
     if isinstance(names, (slice, set, frozenset, dict)) or not isinstance(
         names, (str, int, Iterable)

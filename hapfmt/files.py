@@ -1,8 +1,7 @@
-"""Files that appear whole or not at all.
+"""Files that are written completely or not at all, locks on them, and objects that must be closed.
 
-One writer at a time: a lock on an open file, which the system drops with the process.
-
-Whatever is open until the ``with`` block that holds it ends.
+A lock on the open file admits one writer at a time. The operating system releases the lock when the
+process ends. A ``Closing`` object is closed when its ``with`` block ends.
 """
 
 from __future__ import annotations
@@ -97,9 +96,9 @@ def atomic_write(path: str | os.PathLike[str], *, force: bool = False) -> Iterat
     name in one step; on any exception the temporary file is removed and ``path`` is as before.
     Permissions are those of any new file (umask); a symbolic link stays, its target is replaced.
 
-    Raises ParameterError where ``path`` exists or is a symbolic link to nothing (unless ``force``),
-    is being recorded, is a directory or a device, or lies in no directory; OSError, with ``path``
-    as its file name, where the system refuses.
+    Raises ParameterError if ``path`` exists or is a dangling symbolic link, unless ``force``.
+    Raises it as well if ``path`` is being recorded, is a directory or a device, or its directory
+    does not exist. Raises OSError, with ``path`` as its file name, if the system refuses.
     """
     name = os.fspath(path)
     refuse(name, force)

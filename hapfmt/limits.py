@@ -58,9 +58,10 @@ ROOM_FOR = {
     "attachments": 8,
     "events": 1 << 12,
 }
-"""Bytes of memory for each of these that it has room for, the others beside it. A sample of the
-packet that is decoded takes up to 70 bytes, one that is held and converted 38, a chunk or a finding
-700, a component that is described and printed 8000, a byte of metadata 60, an event 1000."""
+"""Bytes of memory per unit of each limit: the memory divided by them bounds that limit. They leave
+room for the other limits at the same time. A sample of the packet being decoded takes up to 70
+bytes. A sample that is held and converted takes 38, a chunk or a finding 700, an event 1000. A
+component that is described and printed takes 8000, a byte of metadata 60."""
 
 _SHIFTS = {"": 0, "k": 10, "m": 20, "g": 30, "t": 40}
 _SIZE = re.compile(r"(\d{1,15})\s*([kmgt]?)(i?b)?", re.ASCII)
@@ -78,8 +79,8 @@ def parse_size(text: str | int) -> int:
 class Limits:
     """What the caller is ready to spend on a file; more is *unsupported*, not damage (LIM-003).
 
-    ``memory``: bytes that reading, checking or converting may take beside the program itself; the
-    other bounds are then no larger than it has room for. ``samples``: decoded samples held at once.
+    ``memory``: bytes that reading, checking or converting may take, without the program itself; the
+    other bounds are then reduced to what fits. ``samples``: decoded samples held at once.
     ``packet_samples``: samples of one packet. ``work_samples``: samples decoded in one pass, held
     or not (108 hours of 22 channels at 1 kHz). ``records``: chunks, and findings where there is
     damage. ``components``: described in all. ``metadata`` (with clocks), ``attachments``: bytes

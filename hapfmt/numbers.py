@@ -1,6 +1,7 @@
-"""Numbers as people write them, exactly, and never larger than the text deserves.
+"""Exact numbers from the texts that people write, and the integer arithmetic of SPEC clause 2.
 
-The integer arithmetic of SPEC clause 2, one number at a time: rdiv, clamp, varint, svarint.
+The size of a parsed number is bounded by the length of its text. rdiv, clamp, varint and svarint
+work on one number at a time.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ def counted(count: int, what: str) -> str:
 
 
 def hertz(value: Any) -> Fraction:
-    """A rate, as :func:`exact`; but a float such as 1 / 0.003 stands for the simplest fraction
-    within 1e-9 of it, where its decimals are too many to be meant."""
+    """A rate, as :func:`exact`. A float such as 1 / 0.003, which has too many decimals to be meant
+    literally, becomes the simplest fraction within 1e-9 of it."""
     try:
         found = exact(value)
     except ParameterError:

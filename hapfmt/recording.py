@@ -1,9 +1,9 @@
-"""What people have: a Recording of Channels, as integer counts with a calibration, or true doubles.
+"""Recording and Channel: the data in memory, and their conversion from and to arrays and tables.
 
-A channel keeps the samples that were measured and the spans of ticks that they cover. Ticks that no
-span covers are a gap: a gap costs no memory, and becomes NaN only in :meth:`Channel.filled`.
-
-Arrays, tables and data frames <-> Recording.
+A channel holds integer counts with a calibration, or floating-point values. It keeps the measured
+samples and the spans of ticks that they cover. Ticks outside every span are a gap. A gap takes no
+memory and becomes NaN only in :meth:`Channel.filled`. A Recording converts from and to arrays,
+tables and data frames.
 """
 
 from __future__ import annotations
@@ -450,7 +450,7 @@ def spans_at(ticks: NDArray[np.int64]) -> tuple[Span, ...]:
 
 
 class Deviation(NamedTuple):
-    """Declared and found, where true doubles were put on a lattice; in the channel's unit."""
+    """Declared and measured error of floating-point values on a grid, in the channel's unit."""
 
     declared: float
     largest: float
@@ -620,7 +620,7 @@ class Channel:
     def from_physical(
         cls, x: NDArray[Any], rate: Rate, *, start_tick: int = 0, **described: Any
     ) -> Channel:
-        """A channel of true doubles from [ticks] values; every NaN becomes a gap."""
+        """A floating-point channel from values [ticks]; every NaN becomes a gap."""
         x = np.ascontiguousarray(x, dtype=np.float64)
         known = ~np.isnan(x)
         return cls(

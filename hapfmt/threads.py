@@ -1,6 +1,6 @@
-"""Work in threads, its results in order; whatever the number of threads, they are the same.
+"""Work in threads, with results in order and independent of the number of threads.
 
-Threads pay where the compiled loops run, which leave the interpreter to others meanwhile.
+Threads save time where the compiled loops run, because these release the interpreter's lock.
 """
 
 from __future__ import annotations

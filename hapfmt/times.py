@@ -1,8 +1,8 @@
 """Time stamps, as decimal texts -> a regular grid of ticks: rate, start, and the tick of each row.
 
 Stamps are usually rounded: 3 kHz written in us is 0, 333, 667, 1000. So the rate is the simplest
-fraction under which every stamp lies within its rounding, and only where there is none (a clock
-that jitters) the nearest grid is taken, if every stamp lies within half a tick of it.
+fraction under which every stamp lies within its rounding. A clock that jitters may have no such
+fraction. Then the nearest grid is taken, if every stamp lies within half a tick of it.
 """
 
 from __future__ import annotations
@@ -30,8 +30,9 @@ _EXACT = Context(prec=160)
 _FINEST, _LARGEST = -60, 40
 """Powers of ten, s: the decimals of a stamp and its size, far beyond any clock."""
 _FEW_GAPS = 3
-"""Missing rows that are believed at once, though rounding could explain as few (875 Hz in whole ms
-looks like 1 kHz with every eighth row missing); more of them, evenly spread, are rounding."""
+"""Up to this many missing rows are accepted, although rounding could explain them as well. More of
+them, evenly spread, are due to rounding: 875 Hz in whole ms looks like 1 kHz with every eighth row
+missing."""
 _FINE = 0.1
 """Share of a tick below which the resolution of the stamps cannot feign a missing row."""
 _CLOCK = 100_000_000
@@ -48,7 +49,7 @@ STEADY = 1e-6
 
 
 class TickGrid(NamedTuple):
-    """Row i stands at tick ``ticks[i]`` (int64, increasing); time = tick / rate seconds.
+    """Row i is at tick ``ticks[i]`` (int64, increasing); time = tick / rate seconds.
 
     ``epoch_ns``: UTC of tick 0 where the times count from 1970, else None.
     """
@@ -96,7 +97,7 @@ class TimeStamps:
         self._unit_exponent = unit_exponent
         self._first = self._last = Decimal(0)
         self._relative = array("d")
-        # Kept beside the times, since a double of 50 000 000.001 s is 7 ns coarse.
+        # Kept in addition to the times, since a double of 50 000 000.001 s is 7 ns coarse.
         self._steps = array("d")
         self._finest = _LARGEST
 
@@ -137,8 +138,10 @@ class TimeStamps:
 
     @property
     def noise(self) -> float:
-        """Seconds: what float64 arithmetic may add, here and where a float64 was printed, whose
-        last decimal place is coarser than the float64 where fewer places tell it from others."""
+        """Seconds: error that float64 arithmetic may add, here and in stamps printed from it.
+
+        The shortest text that identifies a float64 may be coarser than the float64 itself.
+        """
         largest = ulp(float(max(abs(self.first), abs(self.first + self.span))))
         return 4 * ulp(float(self.span)) + (largest if self.resolution < 10 * largest else 0)
 
@@ -175,7 +178,7 @@ class TimeStamps:
         return self._nearest([whole, *full])
 
     def _is_likely(self, line: _Line) -> bool:
-        """Whether rounding of the stamps is no better explanation of the missing rows."""
+        """Whether rows are missing indeed, rather than seem so because stamps are rounded."""
         return self.resolution <= _FINE * line.period or line.missing <= _FEW_GAPS
 
     def _nearest(self, lines: list[_Line]) -> TickGrid:
@@ -295,7 +298,7 @@ def utc(epoch_ns: int) -> str:
 
 
 class _Line:
-    """The hypothesis that row i stands ``ticks[i]`` ticks (whole float64) after the first row."""
+    """The hypothesis that row i is ``ticks[i]`` ticks (whole float64) after the first row."""
 
     def __init__(self, ticks: NDArray[np.float64], times: NDArray[np.float64]) -> None:
         self.ticks = ticks

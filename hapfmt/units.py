@@ -97,7 +97,7 @@ _SPELLINGS = {
 }
 _WORDS = {word: code for code, words in _SPELLINGS.items() for word in words.split()}
 _WHOLE = {**_WORDS, "": "1", "n/a": "1", "rpm": "{rev}/min"}
-"""Of the whole text; a code with a slash of its own cannot stand below another slash."""
+"""Spellings of a whole text only: a code with a slash cannot follow another slash."""
 
 _ASCII = str.maketrans(
     {

@@ -183,6 +183,19 @@ def test_what_is_not_claimed_is_not_tested_and_said_so(tmp_path):
     assert set(outcome["rules_without_case"]) == set(rules()) - {"KNT-003"}
 
 
+def test_files_that_nothing_makes_are_not_tested_and_said_so(tmp_path):
+    """Of a copy of the suite without its generators."""
+    room = room_of(tmp_path / "cases", {"limits/one": EXPECT, "valid/one": EXPECT})
+    manifest = json.loads((room / "manifest.json").read_text())
+    manifest["cases"][0]["made_on_demand"] = True
+    (room / "manifest.json").write_text(json.dumps(manifest))
+    (room / "vectors" / "limits" / "one.hapf").unlink()
+    code, text, outcome = run(room, adapter(tmp_path / "fake"))
+    assert code == 0, text
+    assert outcome["counts"]["all"] == {"cases": 2, "passed": 1, "not tested": 1}
+    assert "not tested: 1 cases for want of the generator gen/make.py" in text
+
+
 def test_known_failures_must_fail(room, tmp_path):
     known = tmp_path / "known.txt"
     known.write_text("# list\n\nvalid/one  counts are halved, issue 5\n")

@@ -128,7 +128,7 @@ class TestChunkHeader:
 
     def test_payload_size_of_the_level(self):
         """
-        LIM-001: A file MUST keep the limits of its level.
+        LIM-001: A file MUST keep the limits of its level, unknown chunks too.
         """
         text = b'{"a":"' + b"x" * 2**20 + b'"}'
         assert rule(f.minimal(("mETa", text))) == ("nonconforming", "LIM-001")
@@ -159,7 +159,7 @@ class TestUnknownChunks:
 
     def test_flag_bits(self):
         """
-        CHK-007: A chunk with an unknown critical flag bit MUST count as a chunk of unknown type, with the property bits of its own type. A reader ignores unknown ancillary flag bits, and a small third letter.
+        CHK-007: A chunk with an unknown critical flag bit MUST count as a chunk of unknown type, with the property bits of its own type. A reader ignores unknown ancillary flag bits. A small third letter as such breaks no rule.
         """
         for bit in range(8):
             assert rule(f.minimal(("mETa", b"no JSON", {"flags": 1 << bit}))) == ("intact", None)
@@ -194,7 +194,7 @@ class TestHead:
     @pytest.mark.parametrize("fields", [{"minor": 9}, {"compat": 2**32 - 1}])
     def test_later_versions_are_read(self, fields):
         """
-        VER-001: A reader MUST read every file of major version 1 without unknown bits in `incompat`, whatever its minor version. For all other files it reports the outcome *unsupported*, and checks no other rule.
+        VER-001: A reader MUST read every file of major version 1 without unknown bits in `incompat`, whatever its minor version. For all other files it reports the outcome *unsupported*, and checks no other rule, not even HED-002.
         """
         data = f.closed(("HEAD", f.head(f.tlv(2, b"new"), **fields)), f.TRACK_0, f.DATA_0)
         assert rule(data) == ("intact", None)
@@ -203,7 +203,7 @@ class TestHead:
     @pytest.mark.parametrize("fields", [{"major": 2}, {"major": 0}, {"incompat": 1 << 31}])
     def test_unknown_versions_are_refused(self, fields):
         """
-        VER-001: A reader MUST read every file of major version 1 without unknown bits in `incompat`, whatever its minor version. For all other files it reports the outcome *unsupported*, and checks no other rule.
+        VER-001: A reader MUST read every file of major version 1 without unknown bits in `incompat`, whatever its minor version. For all other files it reports the outcome *unsupported*, and checks no other rule, not even HED-002.
         """
         data = f.closed(("HEAD", f.head(**fields)), f.TRACK_0, f.DATA_0)
         assert rule(data) == ("unsupported", "VER-001")
@@ -244,7 +244,7 @@ class TestTlv:
     @given(st.lists(strategies.texts, min_size=1, max_size=4))
     def test_string_lists(self, items):
         """
-        TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. The first entry of a string list is not the byte 255.
+        TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. A contract fills its value too. The first entry of a string list is not the byte 255.
         CNV-004: Text MUST be well-formed UTF-8 (RFC 3629) without U+0000.
         """
         assert parse_strings(f.strings(*items), len(items), 0) == tuple(items)
@@ -280,7 +280,7 @@ class TestMetadata:
     @given(strategies.metadata)
     def test_comes_back(self, metadata):
         """
-        MET-001: The payload MUST be one JSON object (RFC 8259) in UTF-8, nested at most 64 deep. Texts are well-formed; numbers are integers or finite as binary64, of at most 1000 characters each.
+        MET-001: The payload MUST be one JSON object (RFC 8259) in UTF-8, nested at most 64 deep. Texts are well-formed; numbers are integers, without `.` and exponent, or finite as binary64, of at most 1000 characters each.
         """
         assert parse_metadata(build_metadata(metadata), 0) == metadata
 

@@ -109,7 +109,7 @@ class TestSections:
     def test_mutated(self, row, marks, data):
         """
         RNG-001: After the last symbol every state MUST be 65536. The words, the first states included, and the raw bits MUST take up all coded bytes. Bits left over between them are 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the block, or outside blocks with the number, that takes more than there is.
-        RNG-003: The magnitude u MUST be less than 2^34.
+        RNG-003: The magnitude u of an integer by class MUST be less than 2^34.
         """
         whole, p, way, signs, many = coded(row, marks)
         wrong = bytearray(whole)

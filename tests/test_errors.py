@@ -44,7 +44,7 @@ def test_conventions(fault):
     """
     CNV-002: A varint MUST be less than 2^53, at most 8 bytes long, and minimal: its last byte is not 0 unless it is its only byte.
     CNV-004: Text MUST be well-formed UTF-8 (RFC 3629) without U+0000.
-    TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. The first entry of a string list is not the byte 255.
+    TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. A contract fills its value too. The first entry of a string list is not the byte 255.
     """
     assert_reported(fault)
 
@@ -55,7 +55,7 @@ def test_file_layer(fault):
     FIL-001: A file MUST begin with the signature.
     FIL-002: The first chunk MUST start at offset 8, and each other chunk directly after the payload of the one before it.
     CHK-002: A header MUST have the sync word `F9 48 8B 1C`, a type of four ASCII letters, and the right `header_crc`. A reader uses no field of any other header.
-    LIM-001: A file MUST keep the limits of its level.
+    LIM-001: A file MUST keep the limits of its level, unknown chunks too.
     """
     assert_reported(fault)
 
@@ -75,7 +75,7 @@ def test_head(fault):
 def test_tlv(fault):
     """
     TLV-001: TLVs MUST be in strictly increasing order of their type, each within its chunk, without bytes left over after the last one.
-    TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. The first entry of a string list is not the byte 255.
+    TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. A contract fills its value too. The first entry of a string list is not the byte 255.
     TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
     """
     assert_reported(fault)
@@ -92,7 +92,7 @@ def test_tracks(fault):
     TRK-009: An HF track MUST have no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
     TRK-012: In a closed file every track of kind LF MUST be the base of an HF track. An LF part alone is of kind full band.
     TRK-010: Channel numbers MUST be at most 65534, and different for different components; only HF tracks and continued tracks share them. In a closed file they are 0, 1, 2 ... without a hole.
-    TRK-016: A track that another continues MUST be of kind full band or LF, described before it under a smaller id, and continued only once. Both have the same component count, channel numbers, rate (as a ratio), number format, calibrations and units. All packets of the continued track come before those of the other, in time and within the file. The same applies to their HF tracks.
+    TRK-016: A track that another continues MUST be of kind full band or LF, described before it under a smaller id, and continued only once. Both have the same component count, channel numbers, rate (as a ratio), number format, and in each component calibration (A, B, D) and unit. All packets of the continued track come before those of the other, in time and within the file. The same order applies to their HF tracks.
     TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` and `linked` 0xFFFF. Of the TLVs of 6.2 it has only 2, 14 and 22. No other kind has that codec.
     """
     assert_reported(fault)
@@ -129,7 +129,7 @@ def test_index_and_footer(fault):
 @each("MET", "ATT", "DGS")
 def test_extras(fault):
     """
-    MET-001: The payload MUST be one JSON object (RFC 8259) in UTF-8, nested at most 64 deep. Texts are well-formed; numbers are integers or finite as binary64, of at most 1000 characters each.
+    MET-001: The payload MUST be one JSON object (RFC 8259) in UTF-8, nested at most 64 deep. Texts are well-formed; numbers are integers, without `.` and exponent, or finite as binary64, of at most 1000 characters each.
     ATT-001: Name and media type MUST lie within the payload, and the name MUST NOT be empty.
     DGS-001: The payload MUST be a positive multiple of 32 bytes. The tracks are described before it; none is of kind events, since events may be added to a closed file.
     """
@@ -172,7 +172,7 @@ def test_quantised(fault):
 def test_predicted(fault):
     """
     RNG-001: After the last symbol every state MUST be 65536. The words, the first states included, and the raw bits MUST take up all coded bytes. Bits left over between them are 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the block, or outside blocks with the number, that takes more than there is.
-    RNG-003: The magnitude u MUST be less than 2^34.
+    RNG-003: The magnitude u of an integer by class MUST be less than 2^34.
     RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, `first` + n at most 64, in knots at most 35. At least one weight is more than 0. No x has more than 32 probabilities of ranks (9.7).
     LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them.
     LPC-002: `grid` MUST be 0 or 1, and `step` at most what the level allows; it may be 0 on the deadband grid only. `zero` is a signed number of 32 bits. `kn` and `kd` are at least 1 and less than 2^16, and `kd` at most 1024 * `kn`.
@@ -219,7 +219,7 @@ def test_clocks(fault):
 def test_events(fault):
     """
     EVT-001: A packet MUST contain 1 to 65536 events, each whole. The tick of each is less than `start + span`; its end, tick plus duration, is at most 2^48.
-    EVT-003: `size` and `channel` MUST be at most 65535. In a closed file `channel` is 0 or that of an existing channel.
+    EVT-003: `size` and `channel` MUST be at most 65535. In a closed file `channel` is 0 or that of an existing channel, which only verifiers check.
     """
     assert_reported(fault)
 
@@ -237,7 +237,7 @@ def test_raw(fault):
 @each("LIM")
 def test_limits(fault):
     """
-    LIM-001: A file MUST keep the limits of its level.
+    LIM-001: A file MUST keep the limits of its level, unknown chunks too.
     LIM-003: A reader MAY have lower limits of its own, and MUST then report *unsupported*, not damage.
     """
     assert_reported(fault)

@@ -107,7 +107,7 @@ def recovered(data: bytes) -> tuple[int, str]:
 def test_committed(case):
     """
     VRD-001: A program that reads hapf files MUST end with the code of this clause.
-    LIM-001: A file MUST keep the limits of its level.
+    LIM-001: A file MUST keep the limits of its level, unknown chunks too.
     """
     place = f"{case['set']}/{case['name']}"
     data = (CONFORMANCE / "vectors" / f"{place}.hapf").read_bytes()

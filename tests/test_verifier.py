@@ -61,7 +61,7 @@ def test_damage_goes_before_a_broken_rule():
 
 def test_a_version_of_the_future_is_not_judged():
     """
-    VER-001: A reader MUST read every file of major version 1 without unknown bits in `incompat`, whatever its minor version. For all other files it reports the outcome *unsupported*, and checks no other rule.
+    VER-001: A reader MUST read every file of major version 1 without unknown bits in `incompat`, whatever its minor version. For all other files it reports the outcome *unsupported*, and checks no other rule, not even HED-002.
     """
     for fields in ({"major": 2}, {"incompat": 1}):
         data = f.closed(("HEAD", f.head(**fields)), f.TRACK_0, BROKEN, DAMAGED)

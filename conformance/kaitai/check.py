@@ -117,9 +117,13 @@ def check(module: ModuleType, data: bytes) -> list[str]:
     return out
 
 
+DAMAGED = {"table"}
+"""Examples with a table that cannot be read."""
+
+
 def files() -> list[Path]:
     room = HERE.parent
-    found = sorted(room.glob("examples/*.hapf"))
+    found = [path for path in sorted(room.glob("examples/*.hapf")) if path.stem not in DAMAGED]
     for name in ("valid", "uncommon"):
         found += sorted(room.glob(f"vectors/{name}/*.hapf"))
     return found

@@ -81,13 +81,15 @@ def select(cases: Sequence[Case], sets: Sequence[str], patterns: Sequence[str]) 
 
 
 def make_on_demand(cases: Sequence[Case], folder: Path) -> None:
-    """Files that are too large to be kept are made in ``folder``, by their generators."""
+    """Files that are too large to be kept are made in ``folder``, by their generators; without
+    these they are missing."""
     wanted = [case for case in cases if case.on_demand]
     if not wanted:
         return
     folder.mkdir(parents=True, exist_ok=True)
     make = wanted[0].room / "gen" / "make.py"
-    subprocess.run([sys.executable, str(make), "--limits", str(folder)], check=True)
+    if make.exists():
+        subprocess.run([sys.executable, str(make), "--limits", str(folder)], check=True)
     for case in wanted:
         case.path = folder / f"{case.name}.hapf"
 

@@ -103,6 +103,8 @@ def not_claimed(case: Case, verb: str, tested: Implementation) -> str:
     needs, told = case.expect.get("needs", {}), tested.capabilities
     if not made_for(case, tested):
         return f"set {case.set}"
+    if case.on_demand and not case.file.exists():
+        return "the generator gen/make.py, which makes their files"
     if verb not in told["verbs"]:
         return f"verb {verb}"
     for codec in needs.get("codecs", []):

@@ -1,4 +1,4 @@
-"""The command line; one file per verb, imported when that verb is used."""
+"""The command line. Each verb has its own file, which is imported when that verb runs."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def main() -> None:
 
 
 def explained(error: click.ClickException) -> click.ClickException:
-    """An error that says what was meant: an option by its name of today, a choice by its like."""
+    """Adds a suggestion: the present name of a renamed option, or the closest known name."""
     if isinstance(error, click.BadParameter) and isinstance(error.param, click.Option):
         value = re.match("'(.*?)' is not one of", error.message)
         choices = error.param.type.choices if isinstance(error.param.type, click.Choice) else ()

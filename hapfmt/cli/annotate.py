@@ -1,4 +1,4 @@
-"""hapfmt annotate"""
+"""hapfmt annotate: adds an event to a .hapf file in place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""hapfmt attach"""
+"""hapfmt attach: attaches files to a .hapf file in place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""hapfmt clocks"""
+"""hapfmt clocks: prints the observations of other clocks in a file, and their rates."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""What the verbs share: files and pipes, progress, tables, JSON.
+"""Shared by the verbs: input and output files, pipes, progress, options, JSON output.
 
-What the verbs that edit share.
-
-Opens files of any format in parts, for plot and compare.
+Also the options and reports of the verbs that edit files, and :func:`open_parts`, which opens a
+file of any format for plot and compare.
 """
 
 from __future__ import annotations
@@ -525,7 +524,8 @@ def originals(names: Sequence[str], limits: Limits) -> Iterator[list[Original]]:
 
 
 def tell(edited: Edited, target: str, as_json: bool) -> None:
-    """What was written, and what not; nothing on standard output where the file goes there."""
+    """Reports what an edit wrote and omitted. Prints no report on standard output if the file goes
+    there."""
     if target == "-":
         for each in edited.notes:
             note(each)
@@ -565,7 +565,8 @@ def named(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
 
 
 def tell_added(file: str, what: str, notes: Sequence[str], as_json: bool) -> None:
-    """What was appended to a file; nothing on standard output where the file goes there."""
+    """Reports an addition to a file. Prints no report on standard output if the file goes
+    there."""
     for each in notes:
         note(each)
     if file == "-":

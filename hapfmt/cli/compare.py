@@ -1,4 +1,4 @@
-"""hapfmt compare"""
+"""hapfmt compare: compares the samples of two recordings, of any format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""hapfmt concat"""
+"""hapfmt concat: joins .hapf files one after the other."""
 
 from __future__ import annotations
 

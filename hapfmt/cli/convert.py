@@ -1,4 +1,4 @@
-"""hapfmt convert"""
+"""hapfmt convert: converts between file formats by suffix."""
 
 from __future__ import annotations
 

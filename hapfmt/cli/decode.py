@@ -1,4 +1,4 @@
-"""hapfmt decode"""
+"""hapfmt decode: decodes a .hapf file."""
 
 from __future__ import annotations
 

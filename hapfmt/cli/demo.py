@@ -1,4 +1,4 @@
-"""hapfmt demo"""
+"""hapfmt demo: simulates a stylus on a texture and encodes its force with every preset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""hapfmt devices"""
+"""hapfmt devices: lists the connected HID devices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""hapfmt du"""
+"""hapfmt du: prints what uses the bytes of a file."""
 
 from __future__ import annotations
 

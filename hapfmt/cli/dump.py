@@ -1,4 +1,4 @@
-"""hapfmt dump"""
+"""hapfmt dump: prints a file as one JSON array."""
 
 from __future__ import annotations
 

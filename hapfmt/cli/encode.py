@@ -1,8 +1,7 @@
-"""hapfmt encode
+"""hapfmt encode: encodes a recording and prints one line for each channel.
 
-What hapfmt encode prints: what became of each channel, and what the choice cost or saved.
-
-The error bound of a channel in words, in its unit.
+A line gives the channel's mode and error bound in its unit. A summary gives what the choice of
+preset cost or saved.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""hapfmt info: loads neither NumPy nor any codec.
+"""hapfmt info: prints the contents of a file without loading NumPy or any codec.
 
-hapfmt info --follow: a line for each look at a file that grows.
+With --follow it prints one line at each look at a growing file.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .screen import Column, Verb, clipped, complain, raw, say, table, width_of
 
 
 def follow_file(file: str, interval: float, as_json: bool) -> int:
-    """Until the file is closed, or until Ctrl-C, which is no failure."""
+    """Runs until the file is closed or Ctrl-C is pressed; neither is an error."""
     if file == "-":
         raise ParameterError("--follow requires a file name, not a pipe")
     with Follower(file, interval=interval) as follower:

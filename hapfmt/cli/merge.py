@@ -1,4 +1,4 @@
-"""hapfmt merge"""
+"""hapfmt merge: puts the channels of several .hapf files into one."""
 
 from __future__ import annotations
 

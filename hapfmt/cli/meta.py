@@ -1,4 +1,4 @@
-"""hapfmt meta"""
+"""hapfmt meta: sets or prints the metadata of a .hapf file."""
 
 from __future__ import annotations
 

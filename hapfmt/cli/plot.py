@@ -1,4 +1,4 @@
-"""hapfmt plot"""
+"""hapfmt plot: draws a recording of any format."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 ZOOM_TICKS = 400
 """Of the stretch that is drawn sample by sample."""
 LINES = 3
-"""Of what is lost, below the picture."""
+"""Largest number of lines about losses below the picture."""
 
 
 @click.command(cls=Verb)

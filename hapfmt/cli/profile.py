@@ -1,4 +1,4 @@
-"""hapfmt profile check, list, show"""
+"""hapfmt profile check, list, show: checks and prints device profiles."""
 
 from __future__ import annotations
 

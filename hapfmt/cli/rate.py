@@ -1,9 +1,7 @@
-"""hapfmt rate
+"""hapfmt rate: asks one subject for ratings, on a terminal or through a pipe.
 
-The questions of hapfmt rate, on a terminal or a pipe.
-
-On a terminal r, p and a act at once, as do all keys where the line is empty; a number is a line
-that Enter ends. From a pipe everything is a line, and its end is a q.
+On a terminal, r, p and a act at once, and so does any key on an empty line. A number is a line,
+ended by Enter. Through a pipe every input is a line, and the end of the input counts as q.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""hapfmt record"""
+"""hapfmt record: records a stream from standard input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""hapfmt recover"""
+"""hapfmt recover: writes everything readable of a damaged file to an intact file."""
 
 from __future__ import annotations
 

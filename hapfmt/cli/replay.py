@@ -1,4 +1,4 @@
-"""hapfmt replay"""
+"""hapfmt replay: sends a recording to the actuators of a haptic device."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ def replay(
                 else:
                     report = performed(renderer, sink_config, given, record, not no_watchdog)
         except (HapfmtError, OSError) as error:
-            # Something moved all the same: that is told before what became of its record.
+            # The device has moved: report the replay first, then the error of its recording.
             if report is None:
                 raise
             failure = error
@@ -284,7 +284,7 @@ def recording(
     force: bool,
     dry_run: bool,
 ) -> AbstractContextManager[RecordSink | None]:
-    """Where what was sent is kept, if anywhere. Of a dry run it is the same bytes each time."""
+    """The recording of sent frames, if requested. A dry run gives the same bytes each time."""
     if target is None:
         return nullcontext()
     from ..replay.sinks.record import RecordSink

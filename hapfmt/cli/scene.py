@@ -1,4 +1,4 @@
-"""hapfmt scene"""
+"""hapfmt scene: simulates a scene and writes the recording."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def encode_to(recording: Recording, target: str, preset: str, force: bool) -> di
 
 
 def in_words(work: Work) -> str:
-    """What was computed; nothing is said of what was not."""
+    """Lists the work that was done; counts of 0 are omitted."""
     said = [
         (work.height_count, "heights"),
         (work.contact_step_count, "steps of contact"),

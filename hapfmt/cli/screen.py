@@ -1,10 +1,9 @@
-"""All text that a person sees goes out here: no control character from a file or a name reaches
-the terminal, and lines break between words.
+"""Terminal output: all text for people is printed through this file.
 
-Tables that fit the terminal: the label comes first and stays whole, words stay whole, columns
-that find no room are left out and named.
-
-Help of a verb: what it does, examples, and its options in groups.
+It removes control characters that come from files or names, and breaks lines between words.
+Tables fit the terminal: the label is the first column and stays whole, and cells break at words.
+Columns that do not fit are left out and listed in a note. The help of a verb is its description,
+examples, and options in groups.
 """
 
 from __future__ import annotations

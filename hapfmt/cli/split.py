@@ -1,4 +1,4 @@
-"""hapfmt split"""
+"""hapfmt split: cuts a .hapf file into parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""hapfmt subset"""
+"""hapfmt subset: writes a part of a .hapf file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""hapfmt verify"""
+"""hapfmt verify: checks a file against every rule of the format."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""Entropy coding with fixed frequencies (SPEC 9.4): symbols from the front of the coded bytes, raw
-bits from their back. kernels/ has the same in C.
+"""Entropy coding with fixed frequencies (SPEC 9.4). kernels/ implements the same in C.
 
-Coding goes in rounds: the encoder notes symbols in the order of the decoder, in sections, and codes
-them from the last to the first.
+Symbols are read from the front of the coded bytes, raw bits from their back. The encoder collects
+symbols in sections, in the order of the decoder. Then it codes them from the last to the first.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ ROWS = (
     (32, 17, 0, 0), (8, 28, 0, 1), (8, 14, 0, 1), (-4, 76, 0, 1),
     (-6, 38, 0, 0), (16, 24, -1, 0), (64, 24, 0, 0), (0, 14, 0, 1),
 )  # fmt: skip
-"""Shape, scale, zeros and half of each class: what was best for sensors' prediction errors."""
+"""Shape, scale, zeros and half of each class, chosen to suit prediction errors of sensors."""
 
 OUT_OF_RANGE = "an index beyond 2^32, or a prediction error of 2^34 or more"
 

@@ -1,6 +1,6 @@
-"""EVNT: events of one layer, texts at moments or over times (SPEC 9.9).
+"""EVNT: Event objects <-> packets of one layer (SPEC 9.9).
 
-Events of people <-> the packets of a layer (SPEC 9.9).
+An event is a text at a moment or over a span of time.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TEXT_SIZE = CHANNELS = (1 << 16) - 1
 
 
 class CodedEvent(NamedTuple):
-    """As it stands in a file; channel None: the whole recording."""
+    """An event as the file stores it; channel None: the whole recording."""
 
     tick: int
     duration: int
@@ -68,7 +68,7 @@ def build_event(event: CodedEvent, before: int) -> bytes:
 
 
 def parse_events(data: bytes, start: int, span: int, offset: int) -> list[CodedEvent]:
-    """The events of a packet that stands at ``offset``, in the order of the bytes."""
+    """The events of a packet at ``offset``, in the order of the bytes."""
     if not data:
         raise FormatError("a packet without events", requirement="EVT-001", offset=offset)
     events: list[CodedEvent] = []
@@ -110,7 +110,7 @@ def parse_events(data: bytes, start: int, span: int, offset: int) -> list[CodedE
 EVENT_RATE = Fraction(1_000_000)
 """Ticks per second of a layer, unless its events need others: microseconds."""
 PACKET_SIZE = 1 << 16
-"""Packets of events are cut above so many bytes: what one damaged byte takes along."""
+"""Packets of events are cut above this many bytes, which one damaged byte may destroy."""
 
 
 def layer_track(

@@ -1,9 +1,8 @@
-"""LPCX: counts by LPCR, and beside them what each lacks of the source's double (SPEC 9.7).
+"""LPCX: counts coded by LPCR, and corrections that restore the source's doubles exactly (SPEC 9.7).
 
-Which double a count stands for before it is corrected: the rules of LPCX (SPEC 9.7).
-
-Each is what some logger did with its counts, in correctly rounded steps, the same on every machine.
-The bit patterns of doubles in the order of their values are integers here as well.
+A rule gives the double of a count, before correction. Each rule repeats the arithmetic of some
+logger, in correctly rounded steps that are the same on every machine. Bit patterns of doubles are
+also handled as integers, in the order of the values.
 """
 
 from __future__ import annotations
@@ -182,7 +181,7 @@ def many_in_digits(numerators: Counts, d: int, digits: int) -> Doubles:
 
 
 def in_places(numerator: int, d: int, places: int) -> float:
-    """numerator / d with so many decimals, ties to even, of at most 15 digits; as a double."""
+    """numerator / d to ``places`` decimals, ties to even, of at most 15 digits; as a double."""
     whole, rest = divmod(abs(numerator) * 10**places, d)
     whole += 2 * rest > d or (2 * rest == d and whole % 2)
     # A quotient of integers is correctly rounded in Python, whatever their size.
@@ -190,7 +189,7 @@ def in_places(numerator: int, d: int, places: int) -> float:
 
 
 def in_digits(numerator: int, d: int, digits: int) -> float:
-    """numerator / d with so many significant digits, ties to even; as a double."""
+    """numerator / d to ``digits`` significant digits, ties to even; as a double."""
     if not numerator:
         return 0.0
     n = abs(numerator)
@@ -275,7 +274,7 @@ class ExactParameters:
 
     @classmethod
     def parse_next(cls, data: bytes, at: int, base: int) -> tuple[ExactParameters, int]:
-        """Those that stand at ``at`` of the data, and where they end; ``base``: of the data."""
+        """The parameters at ``at`` of the data, and their end; ``base``: offset of the data."""
         raw, offset = LPCX_PARAMETERS.parse(data, at, "COD-002", base), base + at
         if raw.reserved:
             place = offset + LPCX_PARAMETERS.offsets["reserved"]
@@ -297,7 +296,7 @@ class ExactParameters:
         terms = [
             LinearTerm(*row) for row in LPCX_TERM.fixed.iter_unpack(data[at + 8 * count : stop])
         ]
-        # So is what is no number refused.
+        # The comparison also refuses NaN.
         if not all(abs(w) < COEFFICIENT_LIMIT for w in [*coefficients, *(t.weight for t in terms)]):
             raise FormatError(
                 "a coefficient of 2^900 or more", requirement="EXA-002", offset=base + at
@@ -473,7 +472,7 @@ class Lists:
         return found
 
     def meet(self, id_: int) -> tuple[list[int], int]:
-        """What was remembered of a count, and the context of its ranks."""
+        """The corrections remembered for a count, and the context of its ranks."""
         known = [self.corrections[at] for at in self.places(id_)]
         context = FRESH if not known else SAME if id_ == self.last else KNOWN
         self.last = id_

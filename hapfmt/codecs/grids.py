@@ -1,4 +1,4 @@
-"""Grids of counts: uniform, and those that a deadband leaves (SPEC 9.5)."""
+"""Grids of counts: uniform grids, and the grids of a deadband (SPEC 9.5)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..numbers import build_svarint, build_varint, parse_svarint, parse_varint
 UNIFORM, DEADBAND = 0, 1
 
 FINEST = 1024
-"""The finest deadband's grid has cells of one in so many (LPC-002)."""
+"""The finest deadband grid has the Weber fraction 1 / 1024 (LPC-002)."""
 
 LEVELS_LIMIT = 1 << 14
 """More than any deadband's grid has: 8813."""

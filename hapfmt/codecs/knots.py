@@ -1,10 +1,7 @@
-"""KNOT: support points on a grid, joined by steps or lines, in varints (SPEC 9.1).
+"""KNOT: knots on a grid, joined by steps or lines.
 
-knots_coded.py has their entropy coding.
-
-KNOT with entropy coding: gaps and differences of knots (SPEC 9.6).
-
-Rows of varints as NumPy arrays: the same numbers as hapfmt.numbers gives one by one.
+The knots are stored as varints (SPEC 9.1), or as entropy coded gaps and differences (SPEC 9.6).
+Rows of varints are NumPy arrays here; hapfmt.numbers gives the same numbers one by one.
 """
 
 from __future__ import annotations
@@ -37,7 +34,7 @@ from .predicted import FOUR_STATES, INDEX_LIMIT, NO_ROOM, SIGN_CONTEXTS, SIGNS, 
 
 
 def parse_varints(data: bytes, offset: int) -> NDArray[np.int64]:
-    """All varints in ``data``, which stands at ``offset``; CNV-002 checked."""
+    """All varints in ``data``, which is at ``offset``; CNV-002 checked."""
     raw = np.frombuffer(data, np.uint8)
     last = raw < 0x80
     if raw.size and not last[-1]:
@@ -169,7 +166,7 @@ def interpolate(
 def decode_knots(
     data: bytes, parameters: KnotParameters, span: int, components: int, level: Level, offset: int
 ) -> NDArray[np.int64]:
-    """The packet ``data``, which stands at ``offset``, as counts [span, components]."""
+    """The packet ``data`` at ``offset``, as counts [span, components]."""
     ticks, indices = parse_knots(data, components, offset)
     grid, bound = parameters.grid, level.count_bound
     if np.abs(indices).max() > grid.index_limit(bound):
@@ -198,7 +195,7 @@ def decode_within(
             np.zeros(2 * components, np.int64), out,
         ):  # fmt: skip
             return out
-    # In Python, and so is a broken rule told.
+    # Python decodes the rest, and reports which rule is broken.
     counts = decode_knots(data, parameters, span, components, level, offset)
     return np.clip(counts, low, high).astype(np.int32)
 
@@ -407,7 +404,7 @@ def decode_coded_knots(
     level: Level,
     offset: int,
 ) -> NDArray[np.int64]:
-    """The packet ``data``, which stands at ``offset``, as counts [span, components]."""
+    """The packet ``data`` at ``offset``, as counts [span, components]."""
     grid, bound = parameters.grid, level.count_bound
     limit = grid.index_limit(bound)
     ticks, rows = decode_indices(data, parameters.interpolation, span, components, limit, offset)

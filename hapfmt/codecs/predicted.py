@@ -1,11 +1,8 @@
 """LPCR: indices of a grid, linear prediction, entropy coding (SPEC 9.5).
 
-SPEC Annex C: reflection coefficients of LPCR, 32768 * sin(pi * k / 256) to nearest.
-
-Components of one LPCR packet that say something of a later one (SPEC 9.5).
-
-LPCR packets of several components, each of which may be predicted from those before it
-(SPEC 9.5).
+A packet has one component packet per component. A component may also be predicted from earlier
+components of the packet, its references. The table of SPEC Annex C holds the reflection
+coefficients: 32768 * sin(pi * k / 256), rounded to nearest.
 """
 
 from __future__ import annotations
@@ -50,7 +47,7 @@ SINES = (
 REFERENCE_LIMIT = 8
 REFERENCE_SIZE = 4
 TAPS = (-1, 0, 1)
-"""Ticks of a reference beside the one that is decoded."""
+"""Ticks of a reference, relative to the tick that is decoded."""
 
 
 class Reference(NamedTuple):
@@ -402,14 +399,14 @@ def check_index(index: int, limit: int, offset: int) -> None:
 Indices = NDArray[np.int64]
 
 BLOCK = 1 << 16
-"""Ticks whose counts are worked out at once: what that takes is little beside the counts."""
+"""Ticks whose counts are computed at once: this takes little memory compared with the counts."""
 
 WEIGHT_SHIFT = 6
 """Weights are multiples of 2**-6."""
 
 
 def prediction_errors(indices: Indices, difference: int, c: list[int], base: int) -> Indices:
-    """What a predictor leaves of indices, whatever is coded of them."""
+    """Prediction errors of all indices, no matter which of them are coded."""
     if compiled is not None:
         plain, out = np.ascontiguousarray(indices), np.empty(indices.size, np.int64)
         limit = max(abs(base), -int(plain.min()), int(plain.max()))
@@ -450,8 +447,8 @@ def split_components(data: bytes, count: int, offset: int) -> list[tuple[int, in
 
 
 def parts_of(data: bytes, count: int, offset: int) -> list[tuple[int, int]] | None:
-    """Where parts begin and end whose sizes, but that of the last, stand before them; None where
-    they do not fit."""
+    """Start and end of each part. The sizes of all parts but the last come first; None if they
+    exceed the data."""
     sizes, position = [], 0
     for _ in range(count - 1):
         size, position = parse_varint(data, position, offset)
@@ -474,7 +471,7 @@ def encode_component(indices: Indices, predictor: Predictor, earlier: Sequence[I
 def decode_predicted(
     data: bytes, parameters: LpcParameters, span: int, count: int, level: Level, offset: int
 ) -> Indices:
-    """The packet ``data``, which stands at ``offset``, as counts [span, components]."""
+    """The packet ``data`` at ``offset``, as counts [span, components]."""
     limit = parameters.index_limit(level.count_bound)
     out = np.empty((span, count), np.int64)
     for place, indices in enumerate(decode_components(data, span, count, limit, offset)):

@@ -1,11 +1,8 @@
 """QUAN: a mid-tread quantiser with canonical Huffman code words and zero runs (SPEC 9.2).
 
-Canonical Huffman code words with extra bits (SPEC 9.2): lengths, codebook nibbles, decoding.
-
-Decoding looks up the symbol that *would* start at every bit of a block, all at once, then walks
-from each code word to the next. The walk alone is sequential.
-
-Rows of bit fields, most significant bit first, to bytes (SPEC 9.2).
+Code words have extra bits; the codebook stores their lengths in nibbles. Bit fields are written
+most significant bit first. Decoding looks up the symbol that *would* start at every bit of a block,
+all at once. Then it walks from each code word to the next; only this walk is sequential.
 """
 
 from __future__ import annotations
@@ -482,7 +479,7 @@ def check_end(data: bytes, stop: int, offset: int) -> None:
 def decode_quantised(
     data: bytes, parameters: QuanParameters, span: int, components: int, level: Level, offset: int
 ) -> NDArray[np.int64]:
-    """The packet ``data``, which stands at ``offset``, as counts [span, components]."""
+    """The packet ``data`` at ``offset``, as counts [span, components]."""
     levels = decode_levels(data, parameters, span * components, offset)
     bound = 2 * level.count_bound // parameters.step
     if max(int(levels.max()), -int(levels.min())) > bound:
@@ -508,6 +505,6 @@ def decode_within(
             data, *parameters.given, parameters.step, bound, low, high, out
         ):  # fmt: skip
             return out.T
-    # In Python, and so is a broken rule told.
+    # Python decodes the rest, and reports which rule is broken.
     counts = decode_quantised(data, parameters, span, components, level, offset)
     return np.clip(counts, low, high).astype(np.int32)

@@ -1,4 +1,4 @@
-"""RAWB: byte planes, stored or deflated; any number bit for bit (SPEC 9.3)."""
+"""RAWB: byte planes, stored or deflated; keeps any number bit for bit (SPEC 9.3)."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def decode_raw(
     components: int,
     offset: int,
 ) -> NDArray[Any]:
-    """The packet ``data``, which stands at ``offset``: int32 counts or words [span, components]."""
+    """The packet ``data`` at ``offset``: int32 counts or words [span, components]."""
     size = parameters.word_size
     expected = span * components * size
     planes = unpack(data, expected, offset)
@@ -86,7 +86,7 @@ def decode_raw(
     octets = out.view(np.uint8).reshape(span, components, -1)
     octets[:, :, -size:] = raw.transpose(2, 0, 1)
     if counts:
-        # The highest byte stands highest, and brings its sign down with it.
+        # The bytes are in the upper end of each number: the shift down extends the sign.
         out >>= 8 * (4 - size)
     return out
 

@@ -1,7 +1,4 @@
-"""DATA payload <-> packets (SPEC 6.4).
-
-What a damaged DATA payload still holds (SPEC clause 14, ``salvage``).
-"""
+"""DATA payload <-> packets (SPEC 6.4), and salvage of damaged payloads (SPEC clause 14)."""
 
 from __future__ import annotations
 
@@ -44,7 +41,7 @@ class Packet:
 
 
 class TableRow(NamedTuple):
-    """One row of the table; ``offset``: where it stands in the payload."""
+    """One row of the table; ``offset``: its place in the payload."""
 
     track: int
     size: int
@@ -59,8 +56,8 @@ class TableRow(NamedTuple):
 
 
 class TableHead(NamedTuple):
-    """What stands before the rows: how many there are, the bytes of each field, its least value;
-    ``size``: of this head."""
+    """The fields before the rows: number of rows, bytes of each field, its least value;
+    ``size``: bytes of this head."""
 
     packet_count: int
     widths: tuple[int, ...]
@@ -209,7 +206,7 @@ def parse_table(
 def parse_cluster(
     payload: bytes, tracks: Mapping[int, Track], level: Level, base: int, seed: int
 ) -> list[Packet]:
-    """All packets of an intact DATA payload that stands at ``base``, every rule checked."""
+    """All packets of an intact DATA payload at offset ``base``; checks every rule."""
     head, rows = parse_table(payload, len(payload), tracks, level, base, seed)
     packets, position = [], head.table_size
     for row in rows:
@@ -225,9 +222,11 @@ def parse_cluster(
 
 @dataclass(frozen=True)
 class MissingPackets:
-    """A place in a cluster where packets are missing; ``after`` and ``before`` are the rows around
-    it that are kept, None where there is none; ``row`` where it is known what is missing: a packet
-    that holds but is not delivered."""
+    """A place in a cluster where packets are missing.
+
+    ``after`` and ``before`` are the nearest kept rows around it, or None. ``row`` is known only for
+    an intact packet that is not delivered.
+    """
 
     after: TableRow | None
     before: TableRow | None
@@ -236,14 +235,14 @@ class MissingPackets:
     row: TableRow | None = None
 
     def tracks(self, known: Sequence[int]) -> list[int]:
-        """Of the ``known`` tracks those whose packets stood here (DAT-002)."""
+        """Those of the ``known`` tracks that may have had packets here (DAT-002)."""
         low = self.after.track if self.after else 0
         high = self.before.track if self.before else 1 << 16
         return [track for track in known if low <= track <= high]
 
 
 class Salvage:
-    """The rows of one damaged payload, and where the packets of those that are kept stand."""
+    """The rows of one damaged payload, and the offsets of the packets that are kept."""
 
     def __init__(self, payload: bytes, level: Level, seed: int) -> None:
         self.payload, self.level, self.seed = payload, level, seed

@@ -11,7 +11,7 @@ SHORTEST, LONGEST, WINDOW = 3, 258, 1 << 15
 TRIES = 32
 """Places with the same three bytes that are looked at, the nearest first."""
 MARKED = 16
-"""Of what is repeated, so many places are remembered: the next repetition starts there too."""
+"""First places of a repetition that are remembered, so that later repetitions may start there."""
 END, FIRST_LENGTH = 256, 257
 
 
@@ -58,7 +58,7 @@ def word(symbol: int) -> tuple[int, int]:
 
 
 FIXED = ((280, 0xC0, 8), (256, 0, 7), (144, 0x190, 9), (0, 0x30, 8))
-"""From which symbol on code words are of so many bits, and the first of them."""
+"""For each size of code words: the first symbol, its code word, and the bits."""
 WORDS = [word(symbol) for symbol in range(286)]
 
 

@@ -1,6 +1,7 @@
 """TRAK payload <-> tracks (SPEC 6.2, 6.3, clauses 8 and 11).
 
-What this reader does not understand of a track does not stop it: ``Track.unsupported`` says what.
+A track with parts that this reader does not understand is still parsed: ``Track.unsupported`` names
+these parts.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ STRINGS = {
 INHERITED = frozenset(STRINGS) | {CALIBRATIONS, DEVIATIONS}
 KNOWN = INHERITED | {PARAMETERS, CONTRACT, PROVENANCE}
 CHUNK_SIZE = 1 << 16
-"""Of the tracks of a chunk as they are: more of them stand in the next one."""
+"""Bytes of uncompressed tracks per chunk; further tracks go into the next chunk."""
 
 Record = tuple[Track, bytes]
 """A track and its bytes in TRAK."""
@@ -131,19 +132,19 @@ def build_described(components: Sequence[Component]) -> dict[int, bytes]:
 
 
 def parse_description(payload: bytes, first_id: int, level: Level, offset: int) -> list[Track]:
-    """The tracks of a TRAK payload that stands at ``offset``; its header names ``first_id``."""
+    """The tracks of a TRAK payload at ``offset``; its header names ``first_id``."""
     plain, base = unpack(payload, level, offset)
     try:
         return list(parse_tracks(plain, first_id, level, base, offset))
     except FormatError as error:
         if base == offset:
-            # What was inflated stands nowhere in the file.
+            # Inflated bytes have no offset in the file: name that of the payload.
             error.offset = offset
         raise
 
 
 def unpack(payload: bytes, level: Level, offset: int) -> tuple[bytes, int]:
-    """The tracks as they are and where they stand, of a DEFLATE stream ``offset`` (TRK-020)."""
+    """The uncompressed tracks and their offset; that of the payload if it is DEFLATE (TRK-020)."""
     size, start = parse_varint(payload, 0, offset)
     if not size:
         return payload[start:], offset + start
@@ -186,7 +187,7 @@ def parse_records(plain: bytes, base: int) -> Iterator[tuple[Any, Tlvs, int]]:
 def parse_tracks(
     plain: bytes, first_id: int, level: Level, base: int, offset: int
 ) -> Iterator[Track]:
-    """Of a payload that stands at ``offset``."""
+    """The tracks of a payload at ``offset``, parsed and checked."""
     for id_, (raw, tlvs, start) in enumerate(parse_records(plain, base), first_id):
         if id_ > LAST_TRACK_ID:
             raise FormatError("track id above 65533", requirement="TRK-003", offset=offset)
@@ -198,7 +199,7 @@ def parse_tracks(
 
 
 def parse_track(raw: Any, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
-    """What stands at ``at``."""
+    """The track at offset ``at``, from its fields and TLVs."""
     kind = KINDS[raw.kind] if raw.kind < len(KINDS) else f"kind {raw.kind}"
     format_ = (
         NUMBER_FORMATS[raw.number_format]

@@ -1,6 +1,7 @@
-"""mETa and aTTc payloads (SPEC 6.7, 6.8): metadata and attachments, never needed to decode.
+"""Payloads that decoding never needs: metadata, attachments and clocks.
 
-cLOk and cMAp payloads: observations of another clock, and maps to its time (SPEC 6.10).
+mETa holds metadata and aTTc an attachment (SPEC 6.7, 6.8). cLOk holds observations of another
+clock, and cMAp a map to its time (SPEC 6.10).
 """
 
 from __future__ import annotations
@@ -140,7 +141,7 @@ CHUNK_COUNT = 1 << 14
 
 @dataclass(frozen=True, slots=True)
 class ClockObservation:
-    """At ``tick`` of a track the clock told ``time_ns``; track None: ticks are nanoseconds of the
+    """The clock showed ``time_ns`` at ``tick`` of a track. track None: ticks are nanoseconds of the
     recording. uncertainty_ns 0: not known."""
 
     clock: str
@@ -152,8 +153,10 @@ class ClockObservation:
 
 @dataclass(frozen=True)
 class ClockMap:
-    """From ticks of a track to the time of a clock and back, in integers, along straight lines
-    through ``points`` (tick, time_ns), at least two, both growing."""
+    """Maps ticks of a track to the time of a clock and back, in integers.
+
+    It interpolates linearly between ``points`` (tick, time_ns), at least two, both increasing.
+    """
 
     clock: str
     track: int | None
@@ -265,7 +268,7 @@ def parse_name(payload: bytes, offset: int) -> tuple[str, int]:
 
 
 def parse_clock(payload: bytes, track: int | None, offset: int) -> list[ClockObservation]:
-    """The observations of a cLOk payload that stands at ``offset``."""
+    """The observations of a cLOk payload at ``offset``."""
     clock, position = parse_name(payload, offset)
     at = position
     count, position = parse_varint(payload, position, offset)

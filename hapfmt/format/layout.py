@@ -1,8 +1,8 @@
 """The fixed layouts of the format, each declared once: its fields in order, type and meaning.
 
-SPEC's tables are printed from these declarations. construct writes what a file has a few times.
-Whatever is read, and what is written for every chunk or track, goes through struct. Both follow
-from the same fields: to import construct takes longer than to read all descriptions of a file.
+SPEC's tables are printed from these declarations. construct writes the parts that a file has only a
+few times. struct reads everything, and writes the parts that each chunk or track has. Both use the
+same fields. Importing construct takes longer than reading all descriptions of a file.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ CODES = {
     "f32": "f",
     "f64": "d",
 }
-"""Letters of struct and of construct's FormatField for SPEC's types; byte[n] is beside them."""
+"""Letters of struct and of construct's FormatField for SPEC's types, except byte[n]."""
 
 
 class Field(NamedTuple):

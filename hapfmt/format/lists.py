@@ -1,4 +1,4 @@
-"""What TLVs of a track hold beside texts (SPEC 6.2, clauses 8 and 11)."""
+"""Values of a track's TLVs that are not texts (SPEC 6.2, clauses 8 and 11)."""
 
 from __future__ import annotations
 

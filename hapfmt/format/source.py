@@ -1,9 +1,8 @@
-"""Bytes at an offset: of memory, a file, a mapping, a pipe, a URL; from any thread.
+"""Random access to bytes of memory, a file, a mapping, a pipe or a URL, from any thread.
 
-Bytes behind a URL, through fsspec.
-
-fsspec asks for whole blocks, one by one, and keeps the blocks used last, CACHE bytes of them. The
-size of a block is measured: a few channels or seconds take two or three requests.
+URLs are read through fsspec. It requests whole blocks, one by one, and keeps the CACHE bytes of
+blocks that were used last. The size of a block was chosen by measurement: reading a few channels or
+seconds takes two or three requests.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from ..errors import HapfmtError, MissingExtraError, ParameterError
 BLOCK = 1 << 18
 CACHE = 1 << 22
 GAP = 1 << 16
-"""A request takes about as long as so many bytes (10 ms, 50 Mbit/s)."""
+"""A request takes about as long as the transfer of this many bytes (10 ms, 50 Mbit/s)."""
 
 NO_PARTS = (
     "the server gives whole files only, not parts of them (no range requests); fetch the file "
@@ -132,7 +131,7 @@ def open_url(url: str, **options: Any) -> tuple[object, BinaryIO]:
 
 @contextmanager
 def streamed(url: str) -> Iterator[BinaryIO]:
-    """All that stands behind a URL, from the first byte to the last."""
+    """All bytes of a URL, from the first to the last."""
     with network(shown(url)):
         _files, stream = open_url(url, block_size=0)
         with stream:
@@ -151,8 +150,8 @@ SPOOL_SIZE = 1 << 24
 """A pipe is kept in memory up to this size, then in a temporary file."""
 
 MEMORY_GAP, FILE_GAP = 1 << 12, 1 << 14
-"""Measured: so many bytes are copied, or read, and their CRC taken, in the time that one more
-reading takes with what Python does around it."""
+"""Bytes that take as long as one more read call with its Python overhead (measured): copied from
+memory, or read from a file, and their CRC computed."""
 
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.\-]+(://|::)")
 
@@ -304,7 +303,7 @@ def is_url(text: str) -> bool:
 
 
 def source_of(stream: BinaryIO, path: str | None, *, owned: bool) -> ByteSource:
-    # Another kind of stream may have a descriptor, and yet other bytes than stand behind it.
+    # Another kind of stream may have a descriptor, yet deliver other bytes than its file has.
     if isinstance(stream, (io.BufferedReader, io.FileIO)) and hasattr(os, "pread"):
         with_descriptor = stream
         if stat.S_ISREG(os.fstat(with_descriptor.fileno()).st_mode):
@@ -325,7 +324,7 @@ def spooled_copy(stream: BinaryIO) -> BinaryIO:
 
 
 def spooled_url(url: str) -> BinaryIO:
-    """All that stands behind a URL, copied the same way."""
+    """All bytes of a URL, copied the same way."""
 
     with streamed(url) as stream:
         return spooled_copy(stream)

@@ -1,4 +1,4 @@
-"""Tracks: what a file says of each coded stream (SPEC 6.3), and what holds between tracks."""
+"""Tracks: the descriptions of coded streams (SPEC 6.3), and the rules between tracks."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ IDENTITY = Affine()
 
 
 class Contract(NamedTuple):
-    """Deadband contract of clause 11; ``floor`` and ``zero`` in counts, one per component."""
+    """Error bound of clause 11; ``floor`` and ``zero`` in counts, one per component."""
 
     kn: int
     kd: int
@@ -87,7 +87,7 @@ class Track:
         return range(self.first_channel, self.first_channel + len(self.components))
 
     def weight(self, span: int, size: int) -> int:
-        """What a packet of so many ticks and bytes counts in a cluster (DAT-009)."""
+        """Weight of a packet in a cluster, by its ticks and bytes (DAT-009)."""
         return size if self.kind == "events" else span * len(self.components)
 
     def in_range_of(self, level: Level) -> bool:

@@ -1,4 +1,4 @@
-"""Chunks in order of the file, through any damage: SPEC clause 14, procedure ``walk``."""
+"""Finds all chunks in the order of the file despite damage: SPEC clause 14, procedure ``walk``."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from .wire import (
 )
 
 FIRST_BLOCK, BLOCK_SIZE = 1 << 8, 1 << 16
-"""Bytes looked at in one go when scanning for a header, doubling from the first to the second:
-where headers stand close, each costs little."""
+"""Bytes per block when scanning for a header: the size doubles from the first to the second.
+Headers close to one another thus cost little."""
 
 TABLE_WORK = 8
-"""Reading the table of a damaged cluster costs at most so many times the CRC of its payload."""
+"""Reading the table of a damaged cluster costs at most 8 times the CRC of its payload."""
 
 WORK_FACTOR, WORK_BASE = 16, 1 << 26
 """A file made of headers that each promise the rest of it would take time in the square of its
@@ -86,7 +86,7 @@ def header_at(source: ByteSource, offset: int, file_id: int | None) -> ChunkHead
 
 
 def read_chunk(source: ByteSource, offset: int, file_id: int | None = None) -> Chunk | None:
-    """The chunk at ``offset``, or None where no valid header stands there."""
+    """The chunk at ``offset``, or None if no valid header is there."""
     header = header_at(source, offset, file_id)
     if header is None:
         return None
@@ -183,8 +183,10 @@ def walk(
 
 
 def identify(source: ByteSource) -> int | None:
-    """The file id that most of the file belongs to, so that a block of another file does no harm,
-    not even in front (SPEC REC-013); None where there is no header."""
+    """The file id that most of the file belongs to; None if the file has no header.
+
+    So a block of another file does no harm, not even at the start (SPEC REC-013).
+    """
     # Bytes that hold under each id, in the order of their first headers.
     votes: dict[int, int] = {}
     work = WORK_BASE + WORK_FACTOR * source.size
@@ -205,14 +207,14 @@ def identify(source: ByteSource) -> int | None:
 
 
 def follows(source: ByteSource, header: ChunkHeader, stop: int) -> bool:
-    """Whether the chunk ends at ``stop`` although its payload is damaged: the next one stands
+    """Whether the chunk ends at ``stop`` although its payload is damaged: the next chunk starts
     there, or the file ends."""
     after = header_at(source, stop, header.file_id)
     return stop == source.size or (after is not None and after.sequence == header.sequence + 1)
 
 
 class Strangers:
-    """The ids of other files, each told once (SPEC, ``strangers``)."""
+    """The ids of other files, each reported once (SPEC, ``strangers``)."""
 
     def __init__(self, source: ByteSource, file_id: int | None) -> None:
         self.source = source

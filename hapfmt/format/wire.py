@@ -107,7 +107,7 @@ class ChunkHeader:
 
 
 def parse_header(data: bytes, offset: int) -> ChunkHeader:
-    """The chunk header in ``data`` (36 bytes or more), which stands at ``offset`` in the file."""
+    """The chunk header in ``data`` (36 bytes or more), at ``offset`` in the file."""
     raw = CHUNK_HEADER.parse(data, 0, "FIL-002", offset)
     if raw.sync != SYNC:
         raise FormatError(
@@ -177,7 +177,7 @@ class Head:
 
 
 def parse_head(payload: bytes, offset: int) -> Head:
-    """The HEAD payload, which stands at ``offset`` in the file."""
+    """The HEAD payload at ``offset`` in the file."""
     raw, places = HEAD.parse(payload, 0, "HED-002", offset), HEAD.offsets
     if raw.major != MAJOR:
         raise UnsupportedError(f"major version {raw.major}", requirement="VER-001", offset=offset)

@@ -1,11 +1,11 @@
-"""The compiled loops, where they were built; every one has a readable twin that runs instead.
+"""The compiled loops, if they were built. Each loop has a readable Python twin that can replace it.
 
-``HAPFMT_PURE=1`` in the environment leaves them out; so does a source that is newer than they are.
-Here are the types of what C gives. Each .c file has the functions of one codec or search, and names
-its twin: lpcr, knots, knots_coded, huffman (QUAN), exact (LPCX) and levels (grids) of codecs/;
-select, tube, sweep, links, quick, vectors and live (many packets in one call) of encoder/. Shared
-headers: coder.h, integers.h and coded.h are SPEC 9.4, one above the other; lpcr.h 9.5, search.h its
-predictors, lines.h what lies between knots.
+The twins run if the environment has ``HAPFMT_PURE=1``, or if a C source is newer than the build.
+This module declares the types of the C functions. Each .c file has the functions of one codec or
+search, and names its twin. Of codecs/: lpcr, knots, knots_coded, huffman (QUAN), exact (LPCX) and
+levels (grids). Of encoder/: select, tube, sweep, links, quick, vectors and live (many packets in
+one call). Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the
+one before. lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-/* What the makers and readers of coded bytes share: memory to work in, bits and signs with
-   probabilities of their own. The readable twin is hapfmt/codecs/entropy.py. */
+/* Shared by writers and readers of coded bytes: work memory, and bits and signs with probabilities of
+   their own. The readable twin is hapfmt/codecs/entropy.py. */
 #ifndef HAPFMT_CODED_H
 #define HAPFMT_CODED_H
 

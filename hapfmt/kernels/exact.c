@@ -1,6 +1,7 @@
 /* The hot loops of LPCX (SPEC 9.7); the readable twin is hapfmt/codecs/exact.py.
 
-   The input is hostile. ids are checked to be below their number; what is remembered are at most as many nodes as samples. */
+   The input is hostile: every id is checked to be below the number of ids. At most as many nodes are
+   remembered as there are samples. */
 #include "kernels.h"
 
 #include "coded.h"
@@ -62,7 +63,7 @@ typedef struct {
     length_table lengths;
 } heading;
 
-/* Bytes of what stands before the coded bytes; 0 where it is not defined. */
+/* Bytes of the heading before the coded bytes; 0 if the heading is not defined. */
 static int64_t take_heading(const uint8_t *in, int64_t size, heading *h)
 {
     int64_t at = 2;

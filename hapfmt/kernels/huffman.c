@@ -1,8 +1,8 @@
 /* QUAN in C: levels to canonical Huffman code words with zero runs and escapes, and back. The
-   readable twins are hapfmt/codecs/quantised.py and quantised.py.
+   readable twin is hapfmt/codecs/quantised.py.
 
-   The input of the decoder is hostile. Its codebook is checked here again; what breaks a rule in a
-   packet is left to the twin, which says which one. Widths: extra bits, at most 33, follow a code
+   The input of the decoder is hostile. Its codebook is checked here again. A packet that breaks a rule
+   is left to the twin, which reports the rule. Widths: extra bits, at most 33, follow a code
    word of at most 15, so one load of 57 bits holds any symbol; a magnitude stays below 2^34, times a
    step of 2^31 below 2^63 only where it keeps ``bound``, which is checked first. */
 #include "kernels.h"

@@ -178,7 +178,7 @@ static inline int start_of(const int64_t *in, int64_t count)
     return mean < 4 ? 0 : 4 * (lg - 2) + (int)(mean >> (lg - 2) & 3);
 }
 
-/* Counts the symbols of integers; the raw bits beside them without signs, or -1. */
+/* Counts the symbols of integers. Returns their raw bits without signs; -1 if one is too large. */
 static inline int64_t survey(const int64_t *in, int64_t count, int start, histogram *seen)
 {
     averages a = averages_from(start);

@@ -1,4 +1,4 @@
-/* What every file of the extension module shares: the limited API, and the tables of functions. */
+/* Shared by all files of the extension module: the limited API, and the tables of functions. */
 #ifndef HAPFMT_KERNELS_H
 #define HAPFMT_KERNELS_H
 
@@ -19,7 +19,7 @@ extern PyMethodDef hapfmt_knots_coded_methods[];
 extern PyMethodDef hapfmt_quick_methods[];
 void hapfmt_lpcr_prepare(void);
 
-/* Whether a buffer is a row of numbers of so many bytes. */
+/* Whether a buffer is a row of numbers, each of the given size in bytes. */
 static inline int whole(const Py_buffer *buffer, Py_ssize_t size)
 {
     return buffer->len % size == 0 && (uintptr_t)buffer->buf % (uintptr_t)size == 0;

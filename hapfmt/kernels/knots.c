@@ -1,8 +1,8 @@
-/* KNOT in varints: packets to clamped counts, and the varints of packets. The readable twins are
-   hapfmt/codecs/knots.py and varints.py.
+/* KNOT in varints: packets to clamped counts, and the varints of packets. The readable twin is
+   hapfmt/codecs/knots.py.
 
-   The input of the decoder is hostile. What breaks a rule is left to the twin, which says which one;
-   here it is only told from what does not. Widths: an index is within ``limit`` <= 2^32 before it is
+   The input of the decoder is hostile. This file only detects that a packet breaks a rule; the twin
+   then decodes it and reports the rule. Widths: an index is within ``limit`` <= 2^32 before it is
    used, a difference is below 2^35, ticks end at 2^24. */
 #include "kernels.h"
 

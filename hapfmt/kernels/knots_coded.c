@@ -1,7 +1,7 @@
 /* The loops of entropy coded knots (SPEC 9.6); the readable twin is hapfmt/codecs/knots.py.
 
-   The decoder's input is hostile: an index is within ``limit`` <= 2^32 before it is used, a
-   difference has at most 34 bits, a tick is below the span before anything is written. */
+   The decoder's input is hostile. An index is within ``limit`` <= 2^32 before it is used. A difference
+   has at most 34 bits. A tick is below the span before anything is written. */
 #include "kernels.h"
 
 #include "coded.h"

@@ -1,6 +1,6 @@
 /* Grids of counts (SPEC 9.5): the levels of a deadband, up to 8813 of them, and the counts of a uniform
    one, clamped. The readable twins are deadband_levels of hapfmt/codecs/grids.py, and decode_within of
-   components.py. Widths of levels: below the bound, 2^32, times 2^16. */
+   predicted.py. Widths of levels: below the bound, 2^32, times 2^16. */
 #include "kernels.h"
 
 static const int64_t BOUND = (int64_t)1 << 32;

@@ -1,4 +1,4 @@
-/* What knots say of the ticks between them: counts that are held, or lie on a line, clamped (SPEC 9.1).
+/* The counts between knots: held, or on a line, and clamped (SPEC 9.1).
    The readable twin is interpolate() of hapfmt/codecs/knots.py.
 
    Counts of knots are below 2^34 in magnitude, ticks and runs at most 2^24. */
@@ -87,7 +87,7 @@ static inline void divide(int64_t rise, int64_t run, int64_t *step, int32_t *mor
     *more = (int32_t)(2 * (r < 0 ? r + run : r));
 }
 
-/* Where no count needs the clamp: so many at once that the compiler takes them in one register. */
+/* For counts that need no clamp: LANES at once, so that the compiler can use one register for them. */
 static void ramp(slope s, int64_t rise, int64_t run, int64_t count, int32_t *out)
 {
     uint32_t y[LANES];

@@ -252,7 +252,7 @@ static void retreat(const search *s, const generation *g, int32_t last, meeting 
     }
 }
 
-/* The ways after ``g``; done: the last knot found stands at the tube's end. */
+/* The ways after ``g``; done: the last knot found is at the tube's end. */
 static int next_ways(search *s, const generation *g, generation *next, int *done)
 {
     const way *furthest = &g->ways[0];

@@ -318,7 +318,7 @@ INLINE void errors_of(const filter *f, const int64_t *y, int64_t count, int64_t 
         for (int64_t i = 0; i < count; i++) e[i] = y[ORDERS + i] - predict(f, y + ORDERS + i);
 }
 
-/* What the predictor leaves of the indices, whatever is coded. */
+/* Prediction errors of all indices, no matter which of them are coded. */
 static void prediction_errors(const plan *p, const int64_t *indices, int64_t *out)
 {
     filter f;

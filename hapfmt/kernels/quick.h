@@ -1,4 +1,4 @@
-/* Which predictor a packet gets with little work. The readable twin is hapfmt/encoder/predict.py. */
+/* A quick choice of a packet's predictor. The readable twin is hapfmt/encoder/predict.py. */
 #ifndef HAPFMT_QUICK_H
 #define HAPFMT_QUICK_H
 

@@ -1,6 +1,6 @@
-/* What the encoder asks about a packet before it writes it. The readable twin is
-   hapfmt/encoder/predict.py; both give the same numbers, bit for bit: sums are exact, and the few
-   steps in floating point are taken in the same order. */
+/* Estimates of a packet's size for the encoder. The readable twin is hapfmt/encoder/predict.py. Both
+   give the same numbers, bit for bit: sums are exact, and the few floating-point steps have the same
+   order. */
 #ifndef HAPFMT_SEARCH_H
 #define HAPFMT_SEARCH_H
 
@@ -96,12 +96,12 @@ INLINE int64_t log_of(uint64_t v)
 
 enum { COUNTS = 15, SAMPLE = 256 };
 
-/* 256 times the bits of the prediction errors without their signs, -1 where one cannot be coded. The
-   last of the counts is how many are not 0. ``counted``: the first are how many are positive and
-   negative after a negative one, none, a positive one. With repeats, which go with it, unchanged
-   samples are left out, and between stands how many of the bits that say so are 0 and 1 with each of
-   their models. Else one piece of ``stride`` is looked at. -2: an
-   index beyond the limit. */
+/* 256 times the bits of the prediction errors without their signs; -1 if one cannot be coded, -2 if an
+   index is beyond the limit. The last of ``counts`` is the number of errors that are not 0.
+   ``counted``: the first are the numbers of positive and negative errors after a negative one, none, a
+   positive one. Repeats require ``counted``. They leave unchanged samples out. The counts in between
+   are then the numbers of 0 and 1 among the repeat bits, for each of their models. Without
+   ``counted``, only one piece of every ``stride`` is measured. */
 static int64_t estimate(const plan *p, int counted, int stride, const int64_t *indices,
                         int64_t *counts)
 {

@@ -1,4 +1,4 @@
-/* Which samples become knots: the perceptual deadband, tick by tick. The readable twin is
+/* Selects the samples that become knots: the perceptual deadband, tick by tick. The readable twin is
    select_knots_plain of hapfmt/encoder/knots.py.
 
    Widths: counts below 2^32 in magnitude, zero within 32 bits, kn and kd below 2^16: a difference

@@ -57,8 +57,8 @@ int hapfmt_sweep_lines(const tube *t, int sign, int32_t first, hull *below, hull
                        sweep *out);
 /* How many knots; 0 where the grid has none for the tube, -1 where memory ran out. */
 int64_t hapfmt_fewest_linear(const tube *in, const grid *g, int64_t *ticks, int64_t *values);
-/* The same for ``count`` tubes of one size, more than one knot being needed; the knots stand at the
-   end of ticks [size] and places [size, count]. */
+/* The same for ``count`` tubes of one size, if they need more than one knot. The knots are put at
+   the end of ticks [size] and places [size, count]. */
 int64_t hapfmt_fewest_joined(const tube *tubes, const grid *grids, int count, int64_t *ticks,
                              int64_t *places);
 

@@ -65,7 +65,7 @@ static int tried(const int32_t *ticks, int i)
     return 0;
 }
 
-/* The ways after those of ``now``; done: the knots found last stand at the tubes' end. */
+/* The ways after those of ``now``; done: the knots found last are at the tubes' end. */
 static int next_ways(search *axes, int count, int now, meeting *found, int *done)
 {
     int slow = 0, size = 0, best = 0;

@@ -1,1 +1,1 @@
-"""What research needs: simulated scenes, subjective tests, comparisons and pictures."""
+"""Tools for research: simulated scenes, subjective tests, comparisons and pictures."""

@@ -1,8 +1,9 @@
-"""How far a reconstruction y lies from its original f; several measures, since they disagree.
+"""Measures of the error between an original f and its reconstruction y.
 
-Noise that is shaped like the texture fails in signal-to-noise ratio and passes in band energy; a
-shifted click does the opposite. So report them together. All take float64 [ticks] or [ticks,
-components] in one unit, finite, of equal shape, and give one number over all components.
+The measures disagree, so report them together. Noise that is shaped like the texture has a poor
+signal-to-noise ratio but matching band energies; a shifted click is the opposite case. All
+functions take finite float64 arrays, [ticks] or [ticks, components], of equal shape and unit. They
+return one number over all components.
 """
 
 from __future__ import annotations
@@ -122,15 +123,16 @@ def band_energy_error_db(f: NDArray[Any], y: NDArray[Any], rate_hz: float) -> fl
 def st_sim(f: NDArray[Any], y: NDArray[Any], rate_hz: float | Fraction) -> float:
     """Spectral-temporal similarity ST-SIM of two [ticks] signals, 0 or more; 1 where y equals f.
 
-    Computed by the package vibromaf (extra "metrics"), after: zero-phase high-pass (15 Hz,
-    Butterworth of order 2), polyphase resampling to 8 kHz (within 0.003 %, see
-    :func:`resampling_8khz`), the first and last 4096 samples left out. A negative mean correlation,
-    for which the package gives a complex number, counts as 0. Two signals without texture are
-    alike, a silent one and one with texture are not at all. The unit matters: the measure weighs
-    each spectrum with a perceptual threshold of its own.
-    Both its terms are projections on f, divided by the energy of f alone, so that a y with a little
-    more energy comes out above 1 (1.014 was seen).
-    ParameterError where fewer than 512 samples (the block of the measure) are left: below 1.088 s.
+    The package vibromaf (extra "metrics") computes it. Before that, the signals pass a zero-phase
+    high-pass (15 Hz, Butterworth of order 2). They are resampled to 8 kHz by a polyphase filter
+    (within 0.003 %, see :func:`resampling_8khz`). The first and last 4096 samples are dropped.
+
+    If the mean correlation is negative, the package gives a complex number; it counts as 0. Two
+    signals without texture give 1; a signal without texture and one with texture give 0. The unit
+    matters: the measure weighs each spectrum with its own perceptual threshold. Both terms are
+    projections on f, divided by the energy of f alone. So a y with slightly more energy gives more
+    than 1 (1.014 was observed).
+    ParameterError if fewer than 512 samples (the block of the measure) are left: below 1.088 s.
 
     R. Hassen, E. Steinbach, "Subjective evaluation of the spectral temporal similarity (ST-SIM)
     measure for vibrotactile quality assessment", IEEE Transactions on Haptics 13, 2020.

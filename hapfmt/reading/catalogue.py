@@ -1,6 +1,7 @@
-"""What a file holds and where, chunk by chunk as they are found (SPEC clauses 5 and 6).
+"""The catalogue of a file: its descriptions and the places of its chunks (SPEC clauses 5 and 6).
 
-Nothing is decoded here, and NumPy is not needed: this is all that ``hapfmt info`` loads.
+It learns one chunk after another as they are found. It decodes nothing and does not need NumPy:
+``hapfmt info`` loads only this.
 """
 
 from __future__ import annotations
@@ -36,11 +37,11 @@ COMPONENT_SIZE = 1 << 10
 
 
 class FalseIndexError(FormatError):
-    """An entry of an index differs from what stands there: the file is to be walked (IDX-003)."""
+    """An entry of an index does not match the file: the reader must walk the file (IDX-003)."""
 
 
 def refuse_omission(count: int, offset: int, path: str | None) -> None:
-    """Where the packets that an index led to are not all that stand before ``offset``."""
+    """Raise FormatError if the index omits ``count`` packets before ``offset``."""
     if count:
         raise FormatError(
             "the index does not match the chunks", requirement="IDX-002", offset=offset, path=path
@@ -48,9 +49,10 @@ def refuse_omission(count: int, offset: int, path: str | None) -> None:
 
 
 class ChunkRef(NamedTuple):
-    """Where a chunk stands, and the nanoseconds that the packets of a DATA chunk lie within.
+    """The place of a chunk, and the nanoseconds that the packets of a DATA chunk lie within.
 
-    The times are None where damage hides them, sequence and size where the index was read only.
+    The times are None where damage hides them. Sequence and size are None if only the index was
+    read.
     """
 
     type: str
@@ -62,10 +64,10 @@ class ChunkRef(NamedTuple):
     known: bool = True
     """False where its type, or a critical flag, is not known."""
     limit: int | None = None
-    """Where the next listed chunk stands, if an index alone tells of this one."""
+    """Offset of the next listed chunk, if this one is known from an index only."""
 
     def checked(self, header: ChunkHeader | None) -> ChunkHeader:
-        """The header that stands there, if it is the one that was listed (IDX-003)."""
+        """The header at this offset, if it is the listed one; else FalseIndexError (IDX-003)."""
         if (
             header is None
             or header.type != self.type
@@ -303,7 +305,7 @@ class Catalogue:
         return None if id_ == NO_TRACK else id_
 
     def lists(self, types: Collection[str]) -> bool:
-        """Whether chunks of these types stand wherever an index says that they do (IDX-003)."""
+        """Whether chunks of these types are at all places that an index lists (IDX-003)."""
         if not self.indexed:
             return True
         for ref in self.chunks:

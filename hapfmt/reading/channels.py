@@ -1,7 +1,4 @@
-"""Decoded tracks -> channels (SPEC clause 10).
-
-Decoded tracks of a file -> its channels, part by part (SPEC 6.3 and clause 10).
-"""
+"""Decoded tracks of a file -> its channels, part by part (SPEC 6.3 and clause 10)."""
 
 from __future__ import annotations
 
@@ -49,7 +46,7 @@ class Decoded:
     pieces: GrowingArray = field(default_factory=GrowingArray)
     spans: list[Span] = field(default_factory=list)
     doubles: GrowingArray = field(default_factory=GrowingArray)
-    """Exact values, beside each of the pieces or none."""
+    """Exact values, for each of the pieces or for none."""
 
     def add(
         self, start: int, numbers: NDArray[Any], exact: NDArray[np.float64] | None = None
@@ -147,8 +144,10 @@ def wanted_tracks(chosen: Sequence[ChannelRef], band: Band) -> list[Track]:
 
 
 class Assembly:
-    """Puts together the channels of one band; ``tracks`` are those that ``wanted_tracks``
-    names, decoded; beside them the events of the layers."""
+    """Puts together the channels of one band and the events of the layers.
+
+    ``tracks``: the decoded tracks that ``wanted_tracks`` names.
+    """
 
     def __init__(self, tracks: dict[int, Decoded], band: Band) -> None:
         self.tracks = tracks

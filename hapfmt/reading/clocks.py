@@ -1,7 +1,7 @@
 """Clock observations -> a map from ticks to the other clock, where somebody asks for one.
 
-Observations are noisy: a time stamp comes late by what the transport took, and clocks drift, and
-are set. Nothing here is done unless it is asked for.
+Observations are noisy: the transport delays time stamps, and clocks drift or are set. A reader
+makes such a map only on request.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ Point = tuple[float, float]
 BIN = 8
 """Observations that stand for one when steps are looked for."""
 STEP_NOISE = 20.0
-"""A step is so many times the usual change from one bin to the next, at least."""
+"""Least height of a step, in usual changes from one bin to the next."""
 LEAST = 8
 """Observations of a line, at least."""
 EARLY_NOISE = 12.0
-"""A stamp that is earlier than most by so many times what they vary is no stamp of the clock."""
+"""A stamp that is early by more than 12 times the usual deviation is an outlier."""
 LATE_SHARE = 0.1
-"""What a nanosecond above a line counts beside one below it, where stamps are late."""
+"""Weight of a nanosecond above a line, relative to one below it, where stamps are late."""
 BETTER = 0.99
 """More lines are taken where they are better by one in a hundred."""
 ROUNDS = 12
@@ -87,21 +87,22 @@ def fit_clock(
     """A map through the observations of one clock on one track of ``rate`` ticks per second.
 
     delays
-        "both": stamps are early as often as late. "late": a stamp is never early, as where it is
-        taken when data arrive; the map then runs along the earliest ones, and what the transport
-        takes at least cannot be told from the clock.
+        How stamps deviate. "both": they are early as often as late. "late": they are never early,
+        for example because they are taken when data arrive. The map then follows the earliest
+        stamps. The least delay of the transport cannot be distinguished from the clock.
     window
         seconds that one straight line holds for: longer means less noise, shorter follows a clock
-        whose drift changes. None: what tells best of stamps that it was not drawn through.
+        whose drift changes. None: cross-validation, the best prediction of stamps left out of the
+        fit.
 
-    A clock that was set makes a step of the map between two observations, unless within eight of
-    the first or the last. Stamps that are far off have no weight. ParameterError where a clock was
-    set back to times that it told already.
+    Where a clock was set, the map has a step between two observations, unless within eight of
+    the first or the last. Outliers have no weight. Raises ParameterError if a clock was set back to
+    times that it had shown before.
 
-    Measured on simulated clocks (a stamp a second for an hour, one in a hundred far off): as a root
-    mean square the error is 7 % of the jitter's standard deviation where the clock is 40 ppm fast
-    throughout, even if it is set, and 18 % where it also wanders by 2 ppm in ten minutes; where
-    stamps are late, 3 % and 6 % of the mean delay.
+    Measured on simulated clocks, with a stamp a second for an hour, one in a hundred far off. The
+    RMS error is 7 % of the jitter's standard deviation for a clock that is 40 ppm fast throughout,
+    even if it is set. It is 18 % for one that also wanders by 2 ppm in ten minutes. Where stamps
+    are late, the RMS errors of these clocks are 3 % and 6 % of the mean delay.
     """
     if delays not in ("both", "late"):
         raise ParameterError("delays must be 'both' or 'late'")
@@ -224,7 +225,7 @@ def choose_count(stamps: ClockStretch, *, late: bool) -> int:
 
 
 def polyline(stamps: ClockStretch, count: int, *, late: bool) -> list[Point]:
-    """Nodes (x, y) of so many straight lines that meet; of fewer where stamps are few."""
+    """Nodes (x, y) of ``count`` joined straight lines; of fewer lines where stamps are few."""
     x, y, weights = stamps
     count = min(max(count, 1), max(len(x) // LEAST, 1))
     edges = np.linspace(x[0], x[-1], count + 1)
@@ -254,8 +255,8 @@ def height_at(line: tuple[float, float, float, float], at: float) -> float:
 def line_through(
     x: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Slope, and height at 0: least absolute deviations by least squares that are weighted anew, so
-    that stamps far off do not count."""
+    """Slope, and height at 0, by least absolute deviations, so that outliers have little influence:
+    iteratively reweighted least squares."""
     if len(x) < 2 or x[-1] == x[0]:
         return 0.0, float(np.median(y)) if len(y) else 0.0
     w = weights.copy()

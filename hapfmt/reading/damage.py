@@ -1,8 +1,7 @@
-"""The damage report: what is wrong with a file, what that took (docs/spec/recovery.md).
+"""The damage report: findings in a file and the spans that are lost (docs/spec/recovery.md).
 
-What damage took of each track, as far as packets around it and the index tell (SPEC 14.2).
-
-Which DATA chunks a damaged file has lost, and when they were, by its indexes (SPEC 14.2).
+The lost spans of each track follow from the packets around the damage and from the index. The
+indexes also show which DATA chunks a damaged file has lost, and their times (SPEC 14.2).
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from ..format.walk import Finding, read_chunk
 from .catalogue import Catalogue, ChannelRef
 
 ANYWHERE = 1 << 63
-"""Bytes may have come in or gone: an index does not stand where it stood."""
+"""Bytes may have been inserted or removed: an index may have moved."""
 
 
 class Times(NamedTuple):

@@ -1,6 +1,6 @@
-"""One track: packets -> numbers, and their digest (SPEC clauses 9 and 10, 6.9).
+"""Packets of one track -> decoded pieces, and the track's checksum (SPEC clauses 9 and 10, 6.9).
 
-Packets -> pieces: the numbers or events of one packet, cut to the ticks asked for.
+A piece has the numbers or events of one packet, cut to the requested ticks.
 """
 
 from __future__ import annotations
@@ -185,9 +185,10 @@ NOTHING = np.zeros((0, 1), np.int32)
 
 
 class DecodedPiece(NamedTuple):
-    """One decoded packet: numbers [ticks, components] from tick ``start`` on; exact: the source's
-    doubles, likewise, where they stand beside the counts and were asked for; events of a layer,
-    which has no numbers."""
+    """One decoded packet: numbers [ticks, components] from tick ``start`` on, or events of a layer.
+
+    exact: the source's doubles, of the same shape, if the packet has them and they were requested.
+    """
 
     track: Track
     start: int

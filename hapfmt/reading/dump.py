@@ -1,6 +1,6 @@
-"""All of a file as JSON values, chunk by chunk in the order of the bytes.
+"""Prints a file as JSON values, chunk by chunk in the order of the bytes, and the use of its bytes.
 
-Where the bytes of a file go: by cause and by track, adding up to its size.
+The bytes of a file are listed by cause and by track, and add up to its size.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from .catalogue import Catalogue
 from .opening import open_catalogue
 
 NUMBERS_SHARE = 4
-"""The numbers of so many times fewer samples than a packet may have are told of a chunk, since each
-takes 100 to 200 bytes as text: all that a cluster of level 1 holds, unless the caller's limits are
-lower. A few bytes can stand for 2^28 at level 2."""
+"""Samples printed per chunk are at most a quarter of those that the limits allow in a packet. As
+text each takes 100 to 200 bytes. Unless the caller's limits are lower, this is a whole cluster of
+level 1. At level 2 a few bytes can encode 2^28 samples."""
 
 
 def dump(

@@ -1,7 +1,7 @@
-"""A file that grows: its chunks as each is complete, as a list of facts or as decoded pieces.
+"""Follows a growing file: delivers each chunk when it is complete, as facts or as decoded pieces.
 
-A chunk that is not whole yet is no damage: only what a whole chunk follows on is taken, whether it
-is whole or not. Memory is that of one cluster, and of the index that the file began with.
+An incomplete chunk at the end does not count as damage. Such a chunk is delivered only when an
+intact chunk follows it. The reader holds one cluster and the first index of the file in memory.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Follower(Closing):
         except BaseException:
             self.source.close()
             raise
-        # What stands behind the index is new.
+        # All chunks after the index are new.
         self.stamp = None
 
     def begin(self) -> None:
@@ -160,7 +160,7 @@ class Follower(Closing):
         return True
 
     def start(self) -> bool:
-        """Whether the first chunk stands there."""
+        """Whether the file has its first chunk."""
         if self.file_id is not None:
             return True
         begins = self.source.read_at(0, len(SIGNATURE))
@@ -293,7 +293,7 @@ class WantedPackets:
 
         catalogue = self.follower.catalogue
         if catalogue.source is not getattr(self.catalogue, "source", None):
-            # Another file: its tracks begin anew.
+            # Another file: reset all tracks.
             self.decoders, self.stops, self.known = {}, {}, 0
         self.catalogue = catalogue
         if self.known != len(catalogue.tracks):

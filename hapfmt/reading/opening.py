@@ -1,6 +1,6 @@
-"""Opening a file: by its index, or by walking through it (SPEC 6.5 and clause 14).
+"""Opens a file by its index, or by walking through it (SPEC 6.5 and clause 14).
 
-The chain of indexes (SPEC 6.5), and what else a writer that goes on must know of a file.
+The module also reads the chain of indexes (SPEC 6.5), and the facts that appending to a file needs.
 """
 
 from __future__ import annotations
@@ -86,10 +86,10 @@ MS = 10**6
 """Nanoseconds."""
 FOOT_SIZE = HEADER_SIZE + 32
 LATER = frozenset({"DATA", "aTTc", "dGST", "cLOk", "cMAp", "iNDX", "fOOT"})
-"""Chunks that are read when somebody asks for them, or not needed beside the last index."""
+"""Chunks that are read on request only, or that the last index makes superfluous."""
 BACK = INDEX_EVERY + 2 * LEVELS[2].payload_size
-"""How far from the end of a file that was not closed an index is looked for: so much at most may
-stand behind it, and one more chunk that is not whole."""
+"""Bytes before the end of an unclosed file in which an index is searched. At most this many bytes
+follow the last index, including an incomplete chunk."""
 BACK_BLOCK, TRIES = 1 << 16, 16
 """Bytes looked at first, then twice as many; what looks like an index and is none."""
 
@@ -159,7 +159,7 @@ def from_foot(source: ByteSource, chunk: Chunk, limits: Limits) -> Catalogue | N
 def from_checkpoint(source: ByteSource, file_id: int, limits: Limits) -> Catalogue | None:
     """The chunks that the last index lists, and those after it, read in order.
 
-    Only where nothing but the end of the last chunk is missing.
+    None if more is missing than the end of the last chunk.
     """
     catalogue = Catalogue(source, limits, file_id, indexed=True)
     index = learn_checkpoint(catalogue, file_id)
@@ -198,11 +198,10 @@ def learn_checkpoint(catalogue: Catalogue, file_id: int) -> Chunk | None:
 
 
 def learn_listed(catalogue: Catalogue, offset: int, file_id: int) -> bool:
-    """Read the descriptions that the chain of indexes lists which ends with the one at ``offset``,
-    and note where the rest stands; False where something else stands there.
+    """Read the descriptions listed by the chain of indexes that ends at ``offset``.
 
-    A header is read for no other chunk. What is read does not overlap, so that this costs no more
-    than the file is long.
+    Note the places of all other chunks without reading their headers. False if the file has
+    something else at a listed place. Reads do not overlap, so the cost is bounded by the file size.
     """
     source = catalogue.source
     entries = index_entries(source, offset, file_id, catalogue.limits)
@@ -229,7 +228,7 @@ def learn_listed(catalogue: Catalogue, offset: int, file_id: int) -> bool:
 
 
 def last_index(source: ByteSource, file_id: int) -> Chunk | None:
-    """The last intact index, if it stands where a writer puts one (IDX-005)."""
+    """The last intact index, if it is where a writer puts one (IDX-005)."""
     pattern = SYNC + b"iNDX"
     lowest = max(source.size - BACK, FIRST_OFFSET)
     tries, stop, size = 0, source.size, BACK_BLOCK
@@ -319,7 +318,7 @@ def walked(
     if broken and not catalogue.damaged:
         raise unknown_part(catalogue) or broken[0][1]
     if broken and not tolerant:
-        # What stands before the first damage is held to no more than what stands behind it.
+        # Treat chunks before the first damage as tolerantly as those after it.
         return walked(source, limits, file_id, tolerant=True)
     for chunk, fault in broken:
         lose_chunk(catalogue, chunk, fault)
@@ -360,8 +359,8 @@ def lose_chunk(catalogue: Catalogue, chunk: Chunk, error: HapfmtError) -> None:
 
 
 def drop_broken(catalogue: Catalogue) -> list[FormatError]:
-    """Drops tracks whose codec parameters break a rule, and those that stood before HEAD and were
-    held to no level yet."""
+    """Drops tracks whose codec parameters break a rule. Tracks before HEAD, whose level was not
+    checked yet, are checked here."""
     from .decoder import TrackDecoder
 
     dropped = []

@@ -1,12 +1,8 @@
-"""DATA chunks -> packets in order of time, and what damage took (SPEC clauses 6.4, 7 and 14).
+"""DATA chunks -> packets in order of time, and the spans that damage took (SPEC 6.4, 7 and 14).
 
-Some packets of a large cluster: its table and they alone are read (SPEC 6.4).
-
-The CRC of the table shows that no row is damaged. That of each packet covers its row too.
-
-Packets handed to threads, some together.
-
-Seconds asked for -> ticks and clusters (SPEC clause 7).
+Requested seconds select ticks and clusters (SPEC clause 7). If only some packets of a large cluster
+are wanted, only its table and these packets are read (SPEC 6.4). The CRC of the table shows that no
+row is damaged. The CRC of each packet covers its row too. Threads receive packets in batches.
 """
 
 from __future__ import annotations
@@ -41,7 +37,7 @@ from .damage import UNKNOWN, Losses, Timeline, Times
 
 Ranges = Mapping[int, tuple[int, int]]
 Place = tuple[TableRow, int]
-"""A row, and where its packet stands in the file."""
+"""A row, and the offset of its packet in the file."""
 ROW_SIZE = 12
 """Bytes of a row, mostly: as many for each track are read at first."""
 SHARE = 2
@@ -252,7 +248,7 @@ class PacketPass:
         if ref.limit is not None:
             ref.checked(header)
         if header is None:
-            # It stood there when the file was opened.
+            # The header was there when the file was opened.
             raise ChecksumError(
                 "the file changed while it was read", offset=ref.offset, path=source.path
             )
@@ -324,8 +320,8 @@ class PacketPass:
             self.suspect(self.ranges.keys() & set(tracks), self.times(ref), hole.offset)
 
     def settle(self, packet: Packet) -> bool:
-        """Order of time (DAT-006, TRK-016), and what was lost before this packet; False: leave it
-        out."""
+        """Check the order of time (DAT-006, TRK-016) and note losses before this packet. False:
+        leave the packet out."""
         line, place = self.lines[packet.track]
         last = line.stop
         if line.free:

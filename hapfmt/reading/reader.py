@@ -1,6 +1,6 @@
-"""File -> recording: sequential or by index, only the channels, times and bands asked for.
+"""File -> recording: reads only the requested channels, times and bands, in order or by index.
 
-Stored checksums of tracks (dGST, SPEC 6.9), and whether the decoded numbers match them.
+The decoded numbers are compared with the stored checksums of tracks (dGST, SPEC 6.9).
 """
 
 from __future__ import annotations
@@ -113,8 +113,8 @@ more is decoded alone."""
 class Reader(Closing):
     """Opens a path, a URL, bytes, or a binary stream.
 
-    Damage raises nothing by itself: what can be read is delivered, what is lost is in ``findings``
-    and ``lost``; ``strict=True`` raises at the first damage instead. Bytes that break a rule
+    Damage raises nothing by itself: intact parts are delivered, ``findings`` and ``lost`` list the
+    damage. ``strict=True`` raises at the first damage instead. Bytes that break a rule
     although their checksums hold raise FormatError either way. ``scan=True`` walks through the
     whole file at once, which a read of everything does anyway. ``threads`` decode; None: as many as
     HAPFMT_THREADS says, else as there are CPUs, one where the work is small.
@@ -159,7 +159,7 @@ class Reader(Closing):
         self.source.close()
 
     def __repr__(self) -> str:
-        """One line: the file, and what was found wrong so far."""
+        """One line: the file, and the damage found so far."""
         name = "" if self.source.path is None else f" {self.source.path!r}"
         damage = sum(finding.code not in HARMLESS for finding in self.findings)
         facts = [
@@ -190,7 +190,7 @@ class Reader(Closing):
 
     @property
     def exit_code(self) -> int:
-        """The code of SPEC clause 13, by what was read so far."""
+        """The code of SPEC clause 13, for the parts read so far."""
         codes = (finding.code for finding in self.findings)
         unknown = self.catalogue.not_understood
         return verdict_of(codes, unknown=unknown, lost=bool(self.lost))
@@ -246,7 +246,7 @@ class Reader(Closing):
     def select(self, channels: Sequence[str | int] | str | int | None) -> list[ChannelRef]:
         """Channels by label or number, in the order asked for; None: all.
 
-        A text that is no label but a number is taken as one; others may be patterns such as
+        A number that is not a label selects by number; other texts may be patterns such as
         "pos_*". Negative numbers count from the end.
         """
         known = self.channels
@@ -316,7 +316,7 @@ class Reader(Closing):
         assembly = Assembly(decoded, band)
         digests = None
         if start is None and stop is None and exact:
-            # Whole tracks are read: what was stored of them can be compared.
+            # Whole tracks are read, so their stored checksums can be compared.
             self.scan()
             digests = DigestCheck(self.catalogue, decoded)
         # Events of a part need a pass of their own, from the beginning of the file.
@@ -426,8 +426,8 @@ class Reader(Closing):
                     raise piece
 
     def threads_for(self, tracks: Sequence[Track]) -> int:
-        """One where there is damage, or may be: what becomes of a packet that breaks a rule depends
-        on what was found before it."""
+        """Number of threads; one where there is or may be damage. Then earlier findings decide how
+        a packet that breaks a rule is treated."""
         if self.catalogue.damaged or self.catalogue.indexed:
             return 1
         seconds = self.catalogue.duration
@@ -464,7 +464,7 @@ class Reader(Closing):
                 yield packet
             return
         except FalseIndexError:
-            # What was delivered stands where it was found; the rest is found in order (IDX-003).
+            # Keep the packets already delivered; find the rest by walking (IDX-003).
             self.scan()
             self.refuse_unknown()
         current = PacketPass(self.catalogue, self.refuse_damage)

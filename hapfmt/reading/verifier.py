@@ -1,6 +1,6 @@
-"""Every rule of one file, checked; and the deadband contract against the original.
+"""Checks every rule of one file, and its error bound against the original.
 
-The deadband contract of a file against its original, with exact arithmetic (SPEC clause 11).
+The comparison with the original uses exact arithmetic (SPEC clause 11).
 """
 
 from __future__ import annotations
@@ -67,13 +67,13 @@ class ContractCheck:
 
     @property
     def promised(self) -> bool:
-        """A contract that is guaranteed, or none: then nothing may differ (DBC-004)."""
+        """Whether the error bound is guaranteed. Without a bound, nothing may differ (DBC-004)."""
         return self.contract is None or self.contract.guaranteed
 
     @property
     def broken(self) -> bool:
-        """A promise that does not hold, samples that do not correspond, or a source that was
-        further from its lattice than the file states (TLV-006)."""
+        """Whether a promise does not hold, samples do not correspond, or the source was further
+        from its quantisation grid than the file states (TLV-006)."""
         moved = self.moved > self.stated
         return bool(self.missing or self.invented or moved or (self.promised and self.outside))
 
@@ -206,7 +206,7 @@ def pair_up(original: Channel, decoded: Channel) -> SamplePair:
     none = np.zeros(0, np.int64)
     at_x, at_y = np.concatenate([none, *rows_x]), np.concatenate([none, *rows_y])
     physical_x, physical_y = original.samples()[at_x], decoded.samples()[at_y]
-    # Both infinite is no difference; NaN words differ only where their bits do.
+    # Equal infinities do not differ; NaN words differ only where their bits do.
     same = physical_x.view(np.int64) == physical_y.view(np.int64)
     with np.errstate(all="ignore"):
         errors = np.where(same, 0.0, np.abs(physical_x - physical_y))
@@ -257,7 +257,7 @@ def reachable(physical: NDArray[np.float64], calibration: Calibration) -> NDArra
 
 
 def nearest_counts(physical: NDArray[np.float64], calibration: Calibration) -> NDArray[np.int64]:
-    """The count nearest to each physical value, which is ``reachable``; exact on the lattice."""
+    """The count nearest to each physical value, which is ``reachable``; exact on the grid."""
     a, b, d = calibration.a, calibration.b, calibration.d
     guess = np.rint((physical * d - b) / a)
     # With a large B the product above is rounded: the neighbours may be nearer.

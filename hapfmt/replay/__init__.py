@@ -1,8 +1,8 @@
-"""Recordings played on devices (docs/spec/players.md).
+"""Replay of recordings on devices (docs/spec/players.md).
 
-profile/      what a device takes, and what it must never be given
-render/       file -> values at the device's rate, only the channels and bands it can render
-schedule.py   values -> the frame that is due: calibrated, clamped, ramped, slew-limited; pure
-sinks/        where frames go: hidapi, a recording, a dry run, a loopback
-process/      the writer, its watchdog, and the player that feeds and stops them
+profile/      device profiles: the reports of a device, and the limits it must never exceed.
+render/       file -> values at the device's rate, only for channels and bands it can render.
+schedule.py   values -> the frame that is due: calibrated, clamped, ramped, slew-limited. Pure.
+sinks/        destinations of frames: hidapi, a recording, a dry run, a loopback.
+process/      the writer, its watchdog, and the player that feeds and stops them.
 """

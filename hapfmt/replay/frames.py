@@ -1,4 +1,4 @@
-"""What passes between renderer, schedule and sinks."""
+"""The data types that renderer, schedule and sinks exchange."""
 
 from __future__ import annotations
 

@@ -1,19 +1,16 @@
 """Values -> the frame that is due (docs/spec/players.md). Pure: no clock, no sleep, no device.
 
-Time is whatever the caller says it is. Frame k is due ``ceil(k * period)`` nanoseconds after the
-start; the recording goes on by one frame with each, sent or skipped, while it plays, and stands
-still while it does not. So ``played``, the number of the sample that comes next, counts no pause.
+The caller supplies the time. Frame k is due ``ceil(k * period)`` nanoseconds after the start. While
+the recording plays, each frame, sent or skipped, advances it by one frame. While it does not play,
+its position does not change. So ``played``, the number of the next sample, counts no pause.
 
-Values of one actuator -> what it is sent: rectified, clamped, ramped, scaled, limited.
+The values of one actuator are rectified, clamped, ramped, scaled and limited. The limiter is the
+last step: it keeps counts within their limits and close to the previous count (PLY-002). It uses
+integers only, so that no rounding, file value or earlier fault can bypass it.
 
-The last of all steps: counts within their limits, and close to the one before (PLY-002).
-
-Integers only, so that no rounding, no value of a file and no fault above can get past it.
-
-Soft start and soft stop: a phase that moves by one a sample, a raised cosine (PLY-003).
-
-An envelope that falls goes on to the ground before it rises again, so a short gap, a pause that is
-taken back at once or a seek give the same slow way down and up as a long one.
+Soft start and soft stop use a raised cosine whose phase moves by one per sample (PLY-003). A
+falling envelope reaches rest before it rises again. So a short gap, a cancelled pause and a seek
+all ramp as slowly as a long gap.
 """
 
 from __future__ import annotations
@@ -67,7 +64,7 @@ class Limiter:
         self.limited = 0
 
     def __call__(self, wanted: int) -> int:
-        """What is sent for it. ``count`` is in range, so a step towards the range stays in it."""
+        """The count sent for it. ``count`` is in range, so a step towards the range stays in it."""
         if wanted > self._high:
             wanted = self._high
         elif wanted < self._low:
@@ -168,7 +165,7 @@ class ActuatorPath:
 
     @property
     def samples_to_rest(self) -> int:
-        """More than this no fall takes from here."""
+        """Upper bound of the samples of a fall from here."""
         away = abs(self.limiter.count - self.rest)
         return self.envelope.phase - (-away // self.limiter.change)
 
@@ -200,8 +197,8 @@ class ActuatorPath:
     def fall(self) -> int:
         """One sample nearer to rest.
 
-        From what was sent last, not from what was wanted: where the slew limit kept the actuator
-        behind a large value, it turns round at once and never comes closer to that value.
+        The fall starts from the count last sent, not from the wanted one. If the slew limit held
+        the actuator short of a large value, it reverses at once and never approaches that value.
         """
         envelope, limiter = self.envelope, self.limiter
         if not envelope.falling:
@@ -214,7 +211,7 @@ class ActuatorPath:
         return count
 
     def cut(self) -> None:
-        """Fall with the next sample, and all the way to rest."""
+        """Start to fall at the next sample, all the way to rest."""
         envelope = self.envelope
         if envelope.phase and not envelope.falling:
             envelope.begin_fall()
@@ -225,12 +222,12 @@ class ActuatorPath:
         return self.limiter.count, self._held, envelope.phase, envelope.falling, envelope.top
 
     def restore(self, state: LaneState) -> None:
-        """As it was: what came since was not sent. What was counted stays counted."""
+        """Restores an earlier state, because the frame was not sent. Event counts are kept."""
         envelope = self.envelope
         self.limiter.count, self._held, envelope.phase, envelope.falling, envelope.top = state
 
     def forget(self) -> None:
-        """What comes next is from elsewhere in the recording: no gap lies before it."""
+        """The next sample comes from elsewhere in the recording, so no gap precedes it."""
         self._heard = False
         self._silent = 0
 
@@ -289,7 +286,7 @@ class Schedule:
         """Between two blocks: not known, as if a block said so."""
         self._samples = timing.frame_samples
         self._period_ns, self._periods = (timing.period * 1_000_000_000).as_integer_ratio()
-        """So many nanoseconds are so many periods."""
+        """``_period_ns`` nanoseconds equal ``_periods`` periods."""
         self._hold_ns = round(timing.hold_s * 1e9)
         self._number = 0
         """Of the next frame."""
@@ -298,12 +295,12 @@ class Schedule:
         self._before: tuple[int, int, int, bool, list[LaneState]] | None = None
         """``_unsent`` and more before the last frame."""
         self._latest = 0
-        """Time as last told."""
+        """Latest time given by the caller."""
         self._shift = 0
         """Nanoseconds by which the clock jumped backwards."""
         self._goal: Literal["play", "pause", "stop"] = "play"
         self._settling = False
-        """Nothing is played before every actuator has come to rest."""
+        """True: nothing plays until every actuator is at rest."""
         self._running = False
         """The frame before this was played, not a resting one or one of a ramp to rest."""
         self._ended = False
@@ -352,20 +349,20 @@ class Schedule:
 
     @property
     def frames_to_rest(self) -> int:
-        """More frames than this a ramp to rest never takes from here, the resting one included."""
+        """Upper bound of the frames of a ramp to rest from here, including the resting one."""
         samples = max((lane.samples_to_rest for lane in self.lanes), default=0)
         return -(-samples // self._samples) + 1
 
     @property
     def needs_blocks(self) -> bool:
-        """Whether the samples of the next frame are not all there yet."""
+        """True if samples of the next frame are still missing."""
         return self._end is None and self._fed < self.played + self._samples
 
     def feed(self, block: FrameBlock) -> None:
-        """What comes next; it must not be changed afterwards.
+        """Appends the next block, which the caller must not change afterwards.
 
-        Blocks of another generation than the last seek asked for are dropped; where blocks
-        overlap, the first stands.
+        Blocks of another generation than that of the last seek are dropped. Where blocks overlap,
+        the first one counts.
         """
         shape = (len(block.values), len(self.lanes))
         if block.values.shape != shape or block.known.shape != shape:
@@ -385,7 +382,7 @@ class Schedule:
             self._waiting = False
 
     def stop(self, outcome: Outcome = "interrupted") -> None:
-        """Ramp to rest, then end; whatever is asked for later."""
+        """Ramp to rest, then end; later requests have no effect."""
         if self._ended:
             return
         self._goal = "stop"
@@ -415,7 +412,7 @@ class Schedule:
             self._goal = "play"
 
     def seek(self, generation: int, first: int) -> None:
-        """Ramp to rest, then go on with sample ``first`` once a block of ``generation`` is in."""
+        """Ramp to rest, then continue at sample ``first`` when a block of ``generation`` is in."""
         if self._goal != "stop" and generation > self._generation:
             self._begin(generation, first)
             self._settling = True
@@ -511,7 +508,7 @@ class Schedule:
         self.played = stop
 
     def _miss(self, samples: int) -> None:
-        """No block is there in time; after the last block that is as it should be."""
+        """No block arrived in time; after the last block this is normal."""
         if self._end is None:
             self._counts.under_run_samples += samples
             self._counts.under_runs += not self._starved

@@ -113,10 +113,7 @@ function leaveOut({ cluster, allTracks, tracks, limits, note }) {
       note(new HapfError('broken', 'TRK-001', `a packet of track ${packet.track} before its description`, packet.at), chunk, true);
     }
     samples += samplesOf(packet, track);
-    if (samples > limits.sampleBound) {
-      leave('DAT-009', 'more samples than the level allows');
-      samples -= samplesOf(packet, track);
-    }
+    if (samples > limits.sampleBound) leave('DAT-009', 'more samples than the level allows');
   }
 }
 

@@ -14,9 +14,8 @@ export const spanOf = (packet) => ({ track: packet.track, start: packet.start, s
 // Gives each damage its spans `took`: [{ track, start, stop | null }], and the file those that no single damage took.
 export function findLosses(file) {
   if (!file.damages.length) return;
-  const harmed = file.damaged || file.recovering;
-  if (harmed) new Losses(file).walk();
-  const bare = harmed ? file.lostResiduals.filter((track) => !track.unsupported) : [];
+  if (file.damaged || file.recovering) new Losses(file).walk();
+  const bare = file.lostResiduals.filter((track) => !track.unsupported);
   file.lost = bare.map((track) => ({ track: track.id, start: 0, stop: null }));
 }
 

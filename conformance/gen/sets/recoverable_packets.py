@@ -316,6 +316,19 @@ def small() -> Iterator[Case]:
         decode=decode, lost=[(0, 4, 8)],
         damages=[("garbage", len(spoilt.data), 1), ("bad-packet", row.at, 1)],
     )  # fmt: skip
+    behind = [(0, 6, 2, f.svarint(5)), (0, 8, 4, f.svarint(5))]
+    laid = w.lay(HEAD, ("TRAK", wide, {"track": 0}), *broken[:2], *([each] for each in behind))
+    row, after = laid.row(0, 4), laid.row(0, 6)
+    yield wrecked(
+        "packet-that-breaks-a-rule-and-overlaps",
+        "A packet that does not decode displaces one that starts before its end.",
+        ["COD-001", "CNV-002", "DAT-006", "REC-003"], "semantics/packet", laid.data + b"\0",
+        decode=decode, lost=[(0, 4, 8)],
+        damages=[
+            ("garbage", len(laid.data), 1), ("bad-packet", row.at, 1),
+            ("overlap", after.at, after.size),
+        ],
+    )  # fmt: skip
     yield wrecked(
         "packet-that-breaks-a-rule-alone",
         "A file without damage with a packet that does not decode: recover leaves it out.",

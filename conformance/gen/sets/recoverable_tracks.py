@@ -130,6 +130,15 @@ def bands() -> Iterator[Case]:
         damages=[bad(laid, "TRAK", 1), *unheld(laid, 1, 0, 4, 8)],
         recovered={"decode": {name: left[name] for name in ("channels", "lf", "hf")}},
     )  # fmt: skip
+    alone = w.lay(*described(slow), *w.clusters(0, 4, 8, tracks=1), close=False)
+    yield wrecked(
+        "lf-alone-not-closed",
+        "A file was not closed, and its LF track has no HF track: nothing in full band.",
+        ["DEC-003", "REC-003", "TRK-012"], "crash/not-closed",
+        alone.data, decode=left, lost=[(0, 0, None)],
+        damages=[("not-closed", len(alone.data), 0)],
+        recovered={"decode": {name: left[name] for name in ("channels", "lf", "hf")}},
+    )  # fmt: skip
     place = laid.of("TRAK", 1)
     yield wrecked(
         "lf-description-lost", "The description of an LF track is lost, and so is its channel.",
@@ -247,6 +256,19 @@ def unknown() -> Iterator[Case]:
         ["DAT-009", "TRK-011", "REC-003"], "transmission/bit-flip",
         w.flip(laid.data, laid.row(0, 0).at - 1), decode=decode_of(known),
         damages=[bad(laid, "DATA"), ("bad-packet", row.at, row.size)], lost=[(1, 0, 4)],
+        exits={"decode": [3, 4]}, recovered={"verdict": "unsupported"},
+    )  # fmt: skip
+    third = Track(id=2, channel=2)
+    most.append((2, 0, 3, w.knots(2, 0, 3)))
+    laid = w.lay(*described(strange, known, third), most, [w.packet(1, 4)])
+    rows = [laid.row(1, 0), laid.row(2, 0)]
+    yield wrecked(
+        "samples-left-out-count",
+        "A packet that passes the limit of samples counts, although it is left out.",
+        ["DAT-009", "REC-003"], "transmission/bit-flip",
+        w.flip(laid.data, laid.row(0, 0).at - 1), decode=decode_of(known, third),
+        damages=[bad(laid, "DATA"), *(("bad-packet", row.at, row.size) for row in rows)],
+        lost=[(1, 0, 4), (2, 0, 3)],
         exits={"decode": [3, 4]}, recovered={"verdict": "unsupported"},
     )  # fmt: skip
     laid = w.lay(HEAD, track.chunk, [w.packet(0, 0)], ("ABCD", b"what"))

@@ -99,6 +99,21 @@ def cases() -> Iterator[Case]:
             packets=[Packet(6, [3] * 2, f.svarint(3), 1)],
         ),
     )  # fmt: skip
+    pair = {"width": 2, "calibration": (1, 0, 10), "about": {"unit": "N"}}
+    yield uncommon(
+        "continued-lists-of-one-and-of-each",
+        "Calibration and unit are one for all components, then one for each: they are the same.",
+        ["TRK-016", "TLV-004"],
+        Track(
+            tlvs=tenths + f.tlv(4, f.strings("N")), **pair,
+            packets=[Packet(0, [(5, 6)] * 4, f.svarint(5) + f.svarint(6))],
+        ),
+        Track(
+            id=1, continues=0, **pair,
+            tlvs=f.tlv(3, f.calibration(1, 0, 10) * 2) + f.tlv(4, f.strings("N", "N")),
+            packets=[Packet(4, [(7, 8)] * 4, f.svarint(7) + f.svarint(8), 1)],
+        ),
+    )  # fmt: skip
     named = Track(
         packets=[Packet(0, [5] * 4, f.svarint(5))], about={"label": "first", "device": "a"},
         tlvs=f.tlv(2, f.strings("first")) + f.tlv(14, f.strings("a")),

@@ -1,2 +1,3 @@
-"""Pictures. matplotlib is imported here alone, and only when one is drawn, through its object
-interface: no window unless one is asked for, no global state."""
+"""Pictures. Only this package imports matplotlib, and only when a picture is drawn. It uses the
+object interface: no global state, and no window unless one is requested.
+"""

@@ -1,12 +1,9 @@
-"""One page that shows what the format does: slow part, residual, error, file sizes.
+"""Figures on one page, drawn from plain arrays, without any reader or writer.
 
-Takes plain arrays, so that it depends on no reader and no writer.
-
-Two recordings on one page: both signals and their differences.
-
-What subjects said of conditions, as in Fig. 5 of Brandi, Chaudhari and Steinbach (2011): mean
-opinion over the deadband k, one line for each number of bits; or side by side, where the conditions
-are no such grid.
+There are three: how the format works (slow part, residual, error, file sizes), two recordings with
+their differences, and the ratings of a study. The last follows Fig. 5 of Brandi, Chaudhari and
+Steinbach (2011): mean opinion over the deadband k, one line for each number of bits. Conditions
+that form no such grid are drawn side by side.
 """
 
 from __future__ import annotations
@@ -315,7 +312,7 @@ class PlottedMean(Protocol):
 
 
 class Opinion(Protocol):
-    """A condition and what was said of it, from 0 to 100."""
+    """A condition and its ratings, from 0 to 100."""
 
     @property
     def condition(self) -> str: ...

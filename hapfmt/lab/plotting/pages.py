@@ -1,6 +1,6 @@
-"""Views of channels -> pages: one channel in detail, a few in rows, many as small multiples.
+"""Pages of channel views: one channel in detail, a few in rows, or many as small panels.
 
-Pages in a window.
+Pages can be saved or shown in a window.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.gridspec import GridSpec
 
 ROWS = 6
-"""Up to so many channels, each gets a row with its spectrum and errors."""
+"""Up to this number of channels, each gets a row with its spectrum and errors."""
 DETAILED = 12
 SMALL = 64
 """Largest number of small panels on one page."""

@@ -1,6 +1,6 @@
-"""The panels that pages are made of: one view of a channel in one pair of axes.
+"""Panels of a page: each draws one view of a channel in one pair of axes.
 
-What all pictures share: colours, axes, files.
+Also shared by all pictures: colours, axes and output files.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def kind_of(path: str | os.PathLike[str]) -> str:
 
 
 def new_figure(width: float, height: float, *, layout: Any = None) -> Figure:
-    """An empty page of so many inches, or MissingExtraError."""
+    """An empty page; sizes in inches. MissingExtraError without matplotlib."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
@@ -219,7 +219,7 @@ NAME = 24
 EVENTS_NAMED = 10
 """Texts of more events would hide the signal and each other."""
 POINTS = 60
-"""Up to so many samples are marked one by one."""
+"""Up to this number of samples, each gets a marker."""
 MARGIN = 0.08
 """Space above and below the signal, as a share of its range."""
 BESIDE = 0.5
@@ -358,7 +358,7 @@ def absences(axes: Axes, view: ChannelView, unit: TimeUnit, *, named: bool = Tru
     spans(axes, [loss[:2] for loss in losses], unit, "lost to damage", "xxx")
     if named and len(losses) <= EVENTS_NAMED:
         for a, b, what in losses:
-            # All that was lost needs no word beside the legend.
+            # If everything was lost, the legend says enough.
             if what != "all":
                 note(axes, (a + b) / 2 / unit.seconds, 0.5, f"{what} lost", rotation=90)
 

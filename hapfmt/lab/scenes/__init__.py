@@ -1,14 +1,15 @@
-"""Recordings without a device: scenes that compute only what their description names.
+"""Simulated recordings. A scene computes only the parts that its description names.
 
     from hapfmt.lab.scenes import load_scene, simulate
 
     recording, work = simulate(load_scene("sand").changed(seconds=10, seed=3))
 
-description.py  Scene, of frozen Structs; library.py: from TOML, and builtin/
-build.py        Scene -> Recording and Work, importing what is named
-tool.py         a held mass: motion.py moves it; surface.py is under its tip
-grasp.py        fingers that close on an object, and their joints
-contact.py, integrators.py  the solver; stylus.py: the stylus of `hapfmt demo`
+description.py  the frozen Structs of a Scene; library.py loads them from TOML and builtin/.
+build.py        Scene -> Recording and Work; imports only the named parts.
+tool.py         a held mass: motion.py moves it, surface.py gives the height under its tip.
+grasp.py        fingers that close on an object, and their joints.
+contact.py      the contact system and its exact solver; integrators.py has the other solvers.
+stylus.py       the stylus of `hapfmt demo`.
 """
 
 from __future__ import annotations

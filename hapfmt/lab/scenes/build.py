@@ -1,4 +1,4 @@
-"""Scene -> Recording: imports, builds and computes what the description names, and nothing else."""
+"""Scene -> Recording: imports, builds and computes only the parts that the description names."""
 
 from __future__ import annotations
 

@@ -1,18 +1,16 @@
-"""A mass on the hand's spring and damper, against a unilateral spring and damper: the system.
+"""A mass on the spring and damper of the hand, pressed against a unilateral spring and damper.
 
     m z'' = hand (target - z) + hand_damping (target' - z') + f,
     f     = contact gap + contact_damping gap'   while gap = surface - z > 0 and f > 0, else 0.
 
-z, target and surface are heights in metres: the mass touches from above. The contact pushes and
-never pulls, so with damping it lets go while the spring is still compressed. Both ways of moving,
-free and touching, are linear.
+z, target and surface are heights in metres. The mass touches from above. The contact pushes and
+never pulls, so a damped contact separates while its spring is still compressed.
 
-The exact step of a mass against a contact: both modes are linear, the drive is a cubic.
-
-Within a mode a step is a matrix exponential. Where a step begins and ends in different modes the
-moment of change is found, and the step is walked in pieces between changes. A step that begins and
-ends in one mode has the energy of that mode at both ends, so even an unnoticed touch within it
-gains none.
+This file also holds the exact solver. Both modes, free and touching, are linear, and the drive is a
+cubic, so a step within a mode is a matrix exponential. If a step begins and ends in different
+modes, the solver finds the moment of change and integrates the pieces separately. A step that
+begins and ends in the same mode has the energy of that mode at both ends. So even an undetected
+touch within a step gains no energy.
 """
 
 from __future__ import annotations
@@ -190,8 +188,8 @@ def pull(path: Coefficients, spring: float, damper: float) -> Coefficients:
 def propagator(mode: Mode, dt: float) -> tuple[list[float], list[float], list[float]]:
     """((p, q, r, s), x, y): a step takes (z, v) to (p z + q v + x[n], r z + s v + y[n]).
 
-    The exponential of one matrix for (z / dt, v) and the drive's four derivatives, which are scaled
-    by dt so that all its entries are of one size.
+    Both come from the exponential of one matrix, for (z / dt, v) and the drive's four derivatives.
+    The derivatives are scaled by dt, so that all entries have a similar size.
     """
     matrix = np.zeros((6, 6))
     matrix[0, 1] = 1

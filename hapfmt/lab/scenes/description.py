@@ -1,7 +1,8 @@
-"""What is in a scene: frozen structs, the same from TOML and from Python.
+"""The description of a scene: frozen Structs, the same from TOML and from Python.
 
-What a description does not name is not built, not computed and not imported: no texture, no height
-field; no contact, no contact solver; no finger, no channel. docs/scenes.md lists every key.
+Only the parts that a description names are imported, built and computed: a height field only with
+a texture, a contact solver only with a contact, a finger's channels only with that finger.
+docs/scenes.md lists every key.
 """
 
 from __future__ import annotations
@@ -282,7 +283,7 @@ class Scene(Description, frozen=True):
 
     @property
     def contacts(self) -> dict[str, Contact]:
-        """By where they stand in the description."""
+        """By their keys in the description."""
         found = {
             "tool.contact": self.tool and self.tool.contact,
             "hand.object": self.hand and self.hand.object,
@@ -290,8 +291,8 @@ class Scene(Description, frozen=True):
         return {at: contact for at, contact in found.items() if contact}
 
     def changed(self, **given: Any) -> Scene:
-        """With other ``seconds``, ``seed``, ``rate_hz``; ``n_per_m``, ``damping``, ``integrator``,
-        ``dt_s`` of whatever is touched. What is None stays."""
+        """A copy with other ``seconds``, ``seed`` or ``rate_hz``, or with other ``n_per_m``,
+        ``damping``, ``integrator`` or ``dt_s`` of every contact. None keeps a value."""
         asked = {name: value for name, value in given.items() if value is not None}
         own = {each.name for each in fields_of(Contact)}
         of_contact = {name: asked.pop(name) for name in own & asked.keys()}

@@ -1,5 +1,6 @@
-"""A mass on spring and damper that touches nothing: linear, so that one exact step a tick is all it
-takes, whatever its frequency."""
+"""A free mass on a spring and damper. The system is linear, so one exact step per tick is enough at
+any of its frequencies.
+"""
 
 from __future__ import annotations
 

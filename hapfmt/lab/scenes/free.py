@@ -1,4 +1,4 @@
-"""A tool in the air: no contact, so nothing but linear parts, a step for each tick."""
+"""A tool in the air. Without a contact all parts are linear and take one step per tick."""
 
 from __future__ import annotations
 

@@ -1,10 +1,11 @@
-"""A hand that closes on an object, holds it, and lets go, again and again.
+"""A hand that repeatedly closes on an object, holds it and releases it.
 
-Each finger is driven along a minimum-jerk path to where it would be if nothing were in the way; the
-object stops it, and what is left of the way presses. Fingers are solved one by one: a finger that
-is not there takes no step, and without an object none does.
+Each finger is driven along a minimum-jerk path to where it would be without an obstacle. The object
+stops the finger, and the rest of the path becomes pressing force. Fingers are solved one by one:
+absent fingers take no steps, and without an object no finger takes any.
 
-The joints of a hand, as a glove with 22 sensors sees them, and how its fingers bend them.
+The file also has the joints of a hand, as a glove with 22 sensors measures them, and how each
+finger bends them.
 """
 
 from __future__ import annotations
@@ -102,9 +103,9 @@ def wandering(joint: Joint, rng: np.random.Generator) -> Callable[[Floats], Floa
 
 
 SHARES = {"thumb": 1.0, "index": 0.335, "middle": 0.335, "ring": 0.175, "little": 0.155}
-"""Of the grip. The thumb stands against the others, who share it as in R. G. Radwin and others,
-"External finger forces in submaximal five-finger static pinch prehension", Ergonomics 35, 1992: 33,
-33, 17 and 15 %."""
+"""Shares of the grip force. The thumb opposes the other fingers. They share its force as in R. G.
+Radwin and others, "External finger forces in submaximal five-finger static pinch prehension",
+Ergonomics 35, 1992: 33, 33, 17 and 15 %."""
 
 FINGER_KG, FINGER_N_PER_M, FINGER_NS_PER_M = 0.008, 300.0, 2.0
 """A fingertip as the object meets it, each to an order of magnitude."""

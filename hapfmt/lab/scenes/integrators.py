@@ -11,13 +11,14 @@ rk4            4      |R(step eigenvalue)| = 1: 2 sqrt(2) / w undamped         g
 exact          4      none                                                     keeps energy
 =============  =====  =======================================================  =============
 
-The order is that of smooth motion; at a change of contact all but "exact" fall to 2 at most, since
-the force has a kink there. "trapezoid" is the implicit midpoint rule in smooth motion. A midpoint
-rule gains energy where the contact begins or ends within a step, so the force of the contact is the
-difference quotient of its potential (a discrete gradient: Gonzalez, J. Nonlinear Sci. 6, 1996,
-doi:10.1007/BF02440162; for collisions Chatziioannou and van Walstijn, J. Sound Vib. 339, 2015,
-doi:10.1016/j.jsv.2014.11.017): energy changes by the work of hand and surface, exactly, at any
-step. For a spring this is a quadratic equation with one root that fits; nothing is iterated.
+The order holds for smooth motion. At a change of contact the force has a kink, and all but "exact"
+fall to order 2 at most. "trapezoid" is the implicit midpoint rule in smooth motion. A midpoint rule
+gains energy if the contact begins or ends within a step. So "trapezoid" takes the difference
+quotient of the contact's potential as its force, a discrete gradient: Gonzalez, J. Nonlinear Sci.
+6, 1996, doi:10.1007/BF02440162; for collisions Chatziioannou and van Walstijn, J. Sound Vib. 339,
+2015, doi:10.1016/j.jsv.2014.11.017. The energy then changes exactly by the work of hand and
+surface, at any step. For a spring this is a quadratic equation with one valid root, without
+iteration.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""TOML -> Scene: the scenes that come with the package, and those in files."""
+"""TOML -> Scene: loads the scenes of the package and scene files."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""The exponential of a small matrix, without the 190 modules that importing SciPy's linear algebra
-takes."""
+"""The exponential of a small matrix, without SciPy, whose linear algebra imports 190 modules."""
 
 from __future__ import annotations
 
@@ -12,14 +11,14 @@ TERMS = 20
 """Of the series, at a norm of at most 1/2: what follows is below 2^-21 / 21!, far below 2^-53."""
 
 SWEEPS = 3
-"""Of the balancing; a spring of 1e7 N/m beside a unit of velocity is even after two."""
+"""Sweeps of the balancing; two suffice for a spring of 1e7 N/m with velocities near 1."""
 
 
 def exponential(a: NDArray[np.float64]) -> NDArray[np.float64]:
     """exp(a), [n, n]: balanced, the series of a / 2^s, squared s times.
 
-    Each squaring doubles what was rounded, so a smaller norm is more exact; balancing by powers of
-    two rounds nothing. A step of 130 radians is 7e-15 off (SciPy's 5e-14).
+    Each squaring doubles the rounding error, so a smaller norm gives a more exact result. Balancing
+    by powers of two rounds nothing. A step of 130 radians has an error of 7e-15 (SciPy: 5e-14).
     """
     scale = balance(a)
     a = a * (scale / scale[:, None])

@@ -1,13 +1,10 @@
-"""What hands do by themselves: they wander, move smoothly, and do it again; all of it can be asked
-for block by block, and comes out the same.
+"""Motions of a hand. Each can be computed in blocks, and the blocks do not change the result.
 
-A hand that draws a tool over a plane: a slow turn, once in about 5 s, with wandering speed,
-heading and pressure; down at the beginning, up at the end, and up and down again in between where a
-scene asks for it.
-
-A hand that comes down on something, stays, goes up, and does it again.
-
-A hand that moves a tool through the air, from point to point.
+- Waves: slow random variation.
+- A stroke over a plane: heading that turns once in about 5 s, varying speed and pressure. The tool
+  comes down at the beginning and lifts at the end. A scene can ask for lifts in between.
+- Presses: the hand comes down on a surface, stays, lifts, and repeats.
+- A reach through the air, from point to point.
 """
 
 from __future__ import annotations
@@ -104,7 +101,7 @@ def minimum_jerk(u: Floats) -> Floats:
 
 
 class Repeats:
-    """Something that is done again every so many seconds, each time a little different."""
+    """An action repeated every ``every_s`` seconds, with a random delay and strength."""
 
     def __init__(
         self, rng: np.random.Generator, seconds: float, every_s: float, lasts_s: float
@@ -124,8 +121,8 @@ class Repeats:
 
 APPROACH_M = 2e-3
 TOUCH_S, LIFT_S, TRAVEL_S = 0.15, 0.10, 0.10
-"""The hand waits 2 mm above the surface, starts down after 0.15 s, travels 0.1 s, and leaves so
-that it is up again 0.1 s before the end; in recordings below 1 s all three shrink with it."""
+"""The hand waits 2 mm above the surface, starts down after 0.15 s, and travels 0.1 s. It lifts
+early enough to be up 0.1 s before the end. In recordings below 1 s all three times shrink."""
 
 
 class StrokeMotion:

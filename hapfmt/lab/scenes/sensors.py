@@ -1,4 +1,4 @@
-"""What a sensor makes of a signal: noise, counts, and the end of its range."""
+"""Sensor model: adds noise, quantises to counts, and clips at the end of the range."""
 
 from __future__ import annotations
 

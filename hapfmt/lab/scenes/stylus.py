@@ -1,15 +1,15 @@
-"""A stylus drawn over a surface by a hand: the force at its tip, as a sensor would record it.
+"""A stylus that a hand draws over a surface: the force at its tip, as a sensor records it.
 
-The scene of Brandi, Chaudhari, Steinbach ("Texture compensation for haptic feedback signal
-compression", VECIMS 2011), without the device: a hand moves over a plane at 50-70 mm/s, touches
+The scene is that of Brandi, Chaudhari, Steinbach ("Texture compensation for haptic feedback signal
+compression", VECIMS 2011), without the device. A hand moves over a plane at 50-70 mm/s, touches
 down, presses with about 0.9 N, and lifts off. In the plane the tip follows the hand. Along the
-normal a mass hangs between spring and damper of the hand and, while it touches, the spring of the
-contact.
+normal a mass hangs on the spring and damper of the hand. While it touches, the spring of the
+contact acts as well.
 
-Both ways of moving, free and touching, are linear, so a step within either is exact (a matrix
-exponential) and stable at any stiffness. What is left is the moment of contact, which is noticed up
-to a step late: a contact that is too stiff for its step gains energy at each impact, and bounces
-for ever. So the step follows the stiffness.
+Both modes, free and touching, are linear. A step within one mode is a matrix exponential: exact,
+and stable at any stiffness. The moment of contact is detected up to one step late. If the step is
+too long for the stiffness, the contact gains energy at each impact and bounces for ever. So the
+step is chosen from the stiffness.
 """
 
 from __future__ import annotations
@@ -63,12 +63,12 @@ def simulate(
     """One recording of the stylus: channel "normal force", or three with ``axes=3`` (group "tip").
 
     texture: "stone", "sand", "cork", or None for the flat plane, which computes no height field.
-    rate_hz: of the sensor, which averages over each of its ticks. The scene itself runs at the next
-    multiple of that above ``step_hz`` (None: as the stiffness needs). The same arguments give the
+    rate_hz: rate of the sensor, which averages over each of its ticks. The scene runs at the next
+    multiple of it above ``step_hz`` (None: chosen from the stiffness). The same arguments give the
     same counts on one machine and one version of NumPy.
 
-    Measured over 4 s at 1 kHz, seeds 1-10 (mean over the whole recording; HF: above 20 Hz, in
-    contact, as :func:`hapfmt.encoder.split.low_pass` splits it):
+    Measured over 4 s at 1 kHz, seeds 1-10. The mean covers the whole recording. HF is the part
+    above 20 Hz, in contact, as :func:`hapfmt.encoder.split.low_pass` splits it:
 
     ========  =========  ===========  ==========  ===================
     texture   mean       HF rms       peak        HF energy (10-99 %)

@@ -1,9 +1,8 @@
-"""Surfaces to touch: the height under a path, in metres, for stone, sand and cork.
+"""Textured surfaces: the height along a path, in metres, for stone, sand and cork.
 
-Each surface is a function of the plane without end, drawn from its generator once: the height at a
-point does not depend on which other points are asked for. Smoothing by the tip is the stylus's.
-
-The height under a tip that moves over a surface, as the tip feels it: smoothed by its size.
+Each surface is an unbounded function of the plane, drawn once from its generator. The height at a
+point does not depend on the other points requested. The height under a tip is smoothed by the size
+of the tip.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ SAND_JITTER = 0.35
 SAND_RADII = (0.7, 1.25)
 SAND_RELIEF = 0.6
 """Grains of medium sand (0.25-0.5 mm, and some above, in the sense of ISO 14688): spheres on a
-jittered grid, glued down so that a fraction of each radius stands out."""
+jittered grid, glued down so that a fraction of each radius protrudes."""
 
 CORK_CELL_M = 2.2e-3
 CORK_WALL_M = 0.2e-3

@@ -1,4 +1,4 @@
-"""A tool in a hand: which of its parts are there, and what is recorded of it."""
+"""A hand-held tool: which parts it has, and which of its channels are recorded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A tool that touches: along the normal it is solved with its contact, step by step."""
+"""A tool in contact: its normal motion is solved with the contact, step by step."""
 
 from __future__ import annotations
 
@@ -66,8 +66,8 @@ class Normal:
     ) -> tuple[Floats, Floats, Floats]:
         """Places, velocities, forces on the surface at steps [start, stop).
 
-        surface: its height in metres and how fast it rises, m/s, at these steps and at the one that
-        follows, except at the end of all (None: a plane at 0).
+        surface: its height in metres and its rate of rise in m/s (None: a plane at 0). Both cover
+        these steps and the next one, except at the end of the recording.
         """
         beyond = min(stop + 1, self.grid.steps)
         height, rise = surface or (np.zeros(beyond - start),) * 2
@@ -153,7 +153,7 @@ def run_touching(
 
 
 def run_flat(tool: Tool, grid: StepGrid, normal: Normal, advance: Advance) -> dict[str, Floats]:
-    """Nothing but the normal, on a surface at 0."""
+    """Computes only the normal direction, on a plane at height 0."""
     out = {name: np.empty(grid.ticks) for name in tool.recorded}
     for start, stop in grid.blocks():
         rows = grid.ticks_of(start, stop)

@@ -1,4 +1,6 @@
-"""What a scene took: counted where it is done, so that what was left out shows as 0."""
+"""Counters of the work that a scene took. Each is updated where the work is done, so a part that
+did not run shows 0.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,7 @@ from dataclasses import asdict, dataclass
 
 @dataclass
 class Work:
-    """Counts of what was computed.
+    """Counters of the computed parts.
 
     step_count: steps of tool and fingers, all axes. contact_step_count: those of them that a
     contact solver took; the others are exact steps of linear parts, one a tick. unstable_count:

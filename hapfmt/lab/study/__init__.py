@@ -1,12 +1,10 @@
-"""Subjective tests of coded touch, as Brandi, Chaudhari and Steinbach made them (section IV, 2011,
-DOI 10.1109/VECIMS.2011.6053837): people feel a reference and a condition, and say from 0 to 100
-how near they are.
+"""Subjective tests of coded touch, as in section IV of Brandi, Chaudhari and Steinbach (2011, DOI
+10.1109/VECIMS.2011.6053837). Subjects feel a reference and a condition, and rate their similarity
+from 0 to 100.
 
-description.py  Study, from TOML; beginning.py writes one to edit
-prepare.py      the conditions of a study as files, made once
-order.py        what one subject feels, in which order
-answers.py      one line after every answer, on the disk before the next question
-rating.py       the questions, without a terminal
-outputs.py      where it is felt: device, sound card, WAV, nowhere (sound.py: what a card gets)
-summary.py      means, intervals, who is left out and why
+description.py  TOML -> Study; also writes a study file to edit.
+prepare.py      encodes the conditions of a study to files, once.
+rating.py       the trials of one subject: their order, the questions, the answer file.
+outputs.py      plays stimuli: device, sound card, WAV, or none.
+summary.py      means, confidence intervals, excluded subjects and why.
 """

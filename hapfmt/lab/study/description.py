@@ -1,9 +1,7 @@
-"""A study file (TOML): what is felt, under which conditions, and what is asked. docs/studies.md
-lists every key.
+"""A study file (TOML): recordings, conditions and questions. docs/studies.md lists every key.
 
-A study file to edit: the paper's grid of k and bits, the hidden reference, an anchor.
-
-Files that a study names: regular files of bounded size alone, so that reading them ends.
+This file also writes a study file to edit: the paper's grid of k and bits, a hidden reference and
+an anchor. Files that a study names must be regular and of bounded size, so that reading them ends.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
-"""Where a study is felt; nothing here knows which condition it plays.
+"""Outputs of a study: device, sound card, WAV file, or none. They do not know the condition.
 
-What a sound card gets: one channel of a recording as numbers in [-1, 1].
-
-A sound card passes no constant, and knows no newtons. So the mean of the reference is taken away
-and its largest deviation becomes half of full scale, and the same numbers serve every condition of
-the session: what is weaker in the file is weaker at the skin.
+A sound card gets one channel of a recording as numbers in [-1, 1]. It passes no constant and has no
+physical unit. So the mean of the reference is subtracted, and its largest deviation is scaled to
+half of full scale. All conditions of a session use this offset and scale. A condition that is
+weaker in its file is therefore weaker at the skin.
 """
 
 from __future__ import annotations
@@ -153,7 +152,7 @@ class FeltStimulus(NamedTuple):
 class StudyOutput(Protocol):
     @property
     def told(self) -> dict[str, Any]:
-        """For the answers: what must be the same when they are gone on with."""
+        """Stored with the answers; must be equal when a session is resumed."""
 
     def play(self, path: Path, label: str) -> FeltStimulus:
         """Until it has been felt; ``label`` is what a subject may know of it."""

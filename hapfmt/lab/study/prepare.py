@@ -1,7 +1,7 @@
-"""The conditions of a study as .hapf files in one folder, made once, the same bytes each time.
+"""Encodes the conditions of a study as .hapf files in one folder, once, with reproducible bytes.
 
-Every condition is played with the same gain; what a preset does to the level of a signal is part of
-the condition, and nothing evens it out.
+Every condition is played with the same gain. A level change by a preset is part of the condition
+and is not compensated.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def digest_of(path: Path) -> str:
 
 
 def load(folder: Path, wanted: dict[str, Any]) -> list[Stimulus] | None:
-    """What was made, where every byte of it is still there."""
+    """The stimuli prepared earlier, if every byte is intact; else None."""
     try:
         with open_regular(folder / MANIFEST, LARGEST_MANIFEST) as stream:
             told = json.loads(stream.read())
@@ -135,7 +135,7 @@ def make(study: Study, folder: Path, progress: Callable[[int, int], None]) -> li
 
 
 def load_session(study: Study, session: StudySession) -> Recording:
-    """Its stretch of its recording, from zero; without what is no signal."""
+    """The channels of the session, cut to its time range, which then starts at 0."""
     from ...convert import read as read_any
     from ...reading.reader import Reader
 

@@ -1,14 +1,12 @@
-"""The questions of one subject, whatever asks them: the place, what may be done, what is kept.
+"""The trials of one subject: their order, the questions, and the answer file.
 
-What one subject feels, in which order: random, the same each time, and the same in every
-version of Python, since it sorts by digests of what it orders.
+The order is random but reproducible, in every version of Python: trials are sorted by a digest of
+their names. The questions do not depend on the user interface.
 
-The answers of one subject: a file of JSON lines, of which every one is on the disk before the
-next question is asked.
-
-The first line says whose answers these are, to which study, felt how and in which order; each other
-line is one answer, and of two answers to one question the later counts. A line without its newline
-was torn by a crash: it is told, and counts for nothing.
+The answer file holds JSON lines. Each line is on the disk before the next question is asked. The
+first line gives the subject, the study, the output and the order. Each other line is one answer; a
+later answer to the same question replaces the earlier one. A line without its newline was torn by a
+crash: it is reported and ignored.
 """
 
 from __future__ import annotations
@@ -41,7 +39,7 @@ SUBJECT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
 class Trial(NamedTuple):
-    """One question: a condition beside the reference of its session."""
+    """One question: a condition compared with the reference of its session."""
 
     session: str
     condition: str
@@ -216,7 +214,7 @@ class AnswerFile:
     """Open for more answers, by one program at a time."""
 
     def __init__(self, path: Path, head: dict[str, Any], tell: Callable[[str], None]) -> None:
-        """New, or gone on with; refused where what is there belongs to something else."""
+        """Creates or resumes the file; refuses a file of another subject, study or output."""
         self.path = path
         flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
         self.descriptor = os.open(path, flags, 0o666)
@@ -269,7 +267,7 @@ class AnswerFile:
                 rest = rest[os.write(self.descriptor, rest) :]
             os.fsync(self.descriptor)
         except OSError as error:
-            # Half a line on a full disk: what was there stays as it was.
+            # The disk may be full: remove the partial line and keep the rest.
             with suppress(OSError):
                 os.ftruncate(self.descriptor, self.size)
             raise OSError(error.errno, error.strerror, str(self.path)) from error

@@ -1,10 +1,11 @@
-"""What subjects said: means with 95 % confidence intervals, with and without those who did not find
-the hidden reference.
+"""Results of a study: means with 95 % confidence intervals. They are given with and without the
+subjects who did not find the hidden reference.
 
-The unit is the subject: what one person says of three recordings is not independent, so each
-subject's ratings of a condition become one number, and Student's t with (subjects - 1) degrees of
-freedom gives the interval of their mean. Where subjects are few a percentile bootstrap would look
-better and be worse: it cannot reach beyond what the few have said (docs/studies.md has numbers).
+The unit of analysis is the subject, because the ratings of one person are not independent. Each
+subject's ratings of a condition are averaged first. The interval of the mean of these averages uses
+Student's t with (subjects - 1) degrees of freedom. With few subjects a percentile bootstrap gives
+narrower but worse intervals, since it cannot reach beyond the observed ratings. docs/studies.md has
+numbers.
 """
 
 from __future__ import annotations

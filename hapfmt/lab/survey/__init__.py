@@ -1,4 +1,4 @@
-"""Recordings of any length looked at in parts: what a picture shows of them, and how two differ.
+"""Recordings of any length, examined in parts: their pictures, and how two of them differ.
 
-Memory is that of one part and of a picture's columns, however long the recording is.
+Memory is bounded by one part and the columns of a picture, for any length of recording.
 """

@@ -1,4 +1,4 @@
-"""How two recordings differ, channel by channel, part by part."""
+"""Differences between two recordings, channel by channel and part by part."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ class ChannelPair:
         differs = p.view(np.int64) != q.view(np.int64) if apart is None else apart != 0
         with np.errstate(all="ignore"):
             size = np.abs(q - p)
-        # Infinite and the same is no difference; to a NaN there is no distance.
+        # Equal infinities differ by 0; the distance to a NaN is infinite.
         size = np.where(differs, np.where(np.isnan(size), inf, size), 0.0)
         found.differing += int(differs.sum())
         top = int(np.argmax(size))

@@ -23,7 +23,7 @@ from ...reading.reader import Reader
 from ...recording import Channel, Recording
 
 PART = 1 << 20
-"""About so many samples of all channels are decoded at a time; they take 20 MB."""
+"""Approximate number of samples, of all channels, decoded at a time; they take 20 MB."""
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,8 @@ class ChannelPart(NamedTuple):
 
 
 class Parts(Protocol):
-    """Channels of one recording, to be looked at in parts. ``lost``: what damage took of what was
-    looked at so far."""
+    """Channels of one recording, examined in parts. ``lost``: spans lost to damage in the parts
+    examined so far."""
 
     channels: list[Described]
     lost: list[LostSpan]
@@ -212,7 +212,7 @@ class FileParts:
             # The index was false, and the file was walked instead: once more, with what that found.
             self.refs = self.reader.select([ref.number for ref in self.refs])
             assembly = self.reader.assembly(self.refs, start, stop)
-        # Where one pass told what is missing, parts add only the packets that do not decode.
+        # If a pass has found the missing spans, parts add only packets that fail to decode.
         told = [s for s in self.reader.lost if not self.passed or s.offset is None]
         self.lost += [span for span in told if span not in self.lost]
         return [block_of(assembly, ref) for ref in self.refs]

@@ -1,17 +1,12 @@
 """The contents of a picture for each channel, collected in one pass over the recording.
 
-Where the knots of an LF track are, as long as they are few.
-
-A signal as a picture shows it: the least and the greatest value of each column.
-
-Power spectral density by Welch's method, part by part.
-
-P. D. Welch, "The use of fast Fourier transform for the estimation of power spectra", IEEE
-Transactions on Audio and Electroacoustics 15, 1967, 10.1109/TAU.1967.1161901.
-
-How often errors of each size occur, counted as they come.
-
-What a header says of a recording: channels, rate, duration, size, preset, error.
+- The knots of an LF track, if there are few of them.
+- The signal: the smallest and the largest value of each column.
+- The power spectral density, accumulated part by part by Welch's method: P. D. Welch, "The use of
+  fast Fourier transform for the estimation of power spectra", IEEE Transactions on Audio and
+  Electroacoustics 15, 1967, 10.1109/TAU.1967.1161901.
+- The histogram of errors, accumulated part by part.
+- The facts of the header: channels, rate, duration, size, preset, error.
 """
 
 from __future__ import annotations
@@ -191,7 +186,7 @@ SEGMENT_S = 2.0
 SHORTEST, LONGEST = 16, 1 << 14
 """Samples of a segment."""
 SAMPLES = 1 << 20
-"""Of one channel that are looked at, spread over the whole; the estimate is no better for more."""
+"""Samples per channel, spread over the recording; more do not improve the estimate."""
 
 
 class Spectrum:
@@ -287,7 +282,7 @@ class Histogram:
 
 
 FEWEST = 5
-"""A part that is examined again has at least so many columns: one alone may hold a single peak."""
+"""Fewest columns of a part that is examined again: one column may hold a single peak."""
 
 
 @dataclass

@@ -1,9 +1,11 @@
-"""The processes of a replay: player, writer, watchdog; and a replay without any.
+"""The processes of a replay: player, writer and watchdog; also a replay without processes.
 
-player.py    renders ahead, feeds the writer, stops it, reports
-writer.py    opens the device; loop.py sends frames, on a virtual clock too
-watchdog.py  neutral frames when the writer is gone, and the watchdog as the writer sees it
-pipes.py     messages between the processes, and their arrays
-children.py  how the processes start, and what lets them be on time
-keys.py  report.py
+player.py    renders ahead, feeds the writer, stops it, reports.
+writer.py    opens the device and runs loop.py.
+loop.py      sends frames when they are due, in real time or on a virtual clock.
+watchdog.py  sends neutral frames when the writer fails; also the writer's side of the watchdog.
+pipes.py     messages between the processes; blocks.py packs their arrays.
+children.py  starts the processes and requests real-time settings.
+keys.py      keys of the terminal.
+report.py    the outcome of a replay.
 """

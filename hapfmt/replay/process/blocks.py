@@ -1,4 +1,4 @@
-"""Blocks and the log of sent frames, as payloads of messages."""
+"""Packs blocks and the log of sent frames as payloads of messages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .pipes import MessageError
 BLOCK = Struct("<qI?IH")
 """first, generation, last, samples, actuators; then values (float64), then known (bytes)."""
 VALUES = 1 << 14
-"""Of a block in one message: the writer must be done with it between two frames."""
+"""Size of a block in one message: the writer must handle it between two frames."""
 LOG = Struct("<IHH")
 """frames, samples of a frame, actuators; then, a frame: number, due, sent (ns), counts: int64."""
 

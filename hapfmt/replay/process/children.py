@@ -1,10 +1,8 @@
-"""How the processes of a replay are started.
+"""Starts the processes of a replay and requests real-time settings for them.
 
-What makes a process come in time, where the system permits it; what it got, and why not.
-
-The clock of a replay: steady, fine, and it goes on while the machine sleeps.
-
-A replay over a suspend is then a stall like any other, and not a force that goes on next morning.
+A process asks for each setting that the system offers, and reports which ones it got, or why not.
+The clock of a replay is monotonic, has a fine resolution and counts the time of a suspend. A
+suspend is thus a stall like any other: a force does not resume after it.
 """
 
 from __future__ import annotations
@@ -105,7 +103,7 @@ NOT_HERE = f"not on this system ({sys.platform})"
 
 
 def apply(priority: int = PRIORITY) -> dict[str, str]:
-    """All that there is; name -> what was got, or why it was not."""
+    """Applies every available setting: name -> its result, or why it failed."""
     settings: dict[str, Callable[[], str]] = {
         "scheduler": lambda: scheduler(priority),
         "memory": lock_memory,

@@ -1,4 +1,4 @@
-"""Keys of a terminal while something plays: space, arrows, q."""
+"""Reads keys of the terminal during playback: space, arrows, q."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class TerminalKeys:
             atexit.unregister(self.restore)
 
         def pressed(self) -> list[Key]:
-            """Keys since the last call; what is no key of ours is dropped."""
+            """Keys since the last call; unknown keys are dropped."""
             if self.descriptor is None:
                 return []
             try:

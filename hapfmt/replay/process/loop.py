@@ -1,8 +1,7 @@
-"""The loop that sends frames when they are due, and what follows it, however it ends.
+"""The loop that sends frames when they are due, and its cleanup, however it ends.
 
-A replay on a virtual clock: as fast as it goes, the same frames each time.
-
-For dry runs and recordings: no process and no real time, so no frame is late and none is skipped.
+Dry runs and recordings use a virtual clock, without processes or real time. They run as fast as
+possible and give the same frames each time: no frame is late, and none is skipped.
 """
 
 from __future__ import annotations
@@ -33,15 +32,15 @@ LEAD_NS = 5_000_000
 SLEEP_NS = 10_000_000
 """At most, so that commands and heartbeats never wait longer."""
 READY_NS = 150_000
-"""So long before it is due a frame is made; then the loop watches the clock. A sleep ends some
-50 us too late, and the largest frame takes 40 us."""
+"""Lead time: a frame is made this long before it is due; then the loop polls the clock. A sleep
+ends about 50 us late, and the largest frame takes 40 us."""
 HANDLE_NS = 300_000
-"""A message is handled while so much time is left, or else one before each frame."""
+"""Messages are handled while at least this time is left; otherwise one before each frame."""
 SKIPPED = 1000
-"""At most so many are counted as late one by one, the oldest first."""
+"""Largest number of skipped frames whose lateness is counted one by one, oldest first."""
 STATUS_NS = 50_000_000
 PLAYER_NS = 3_000_000_000
-"""A player of which nothing was heard for so long plays no more."""
+"""A player that is silent for this long is treated as dead."""
 NEUTRAL_S = 0.02
 """From one neutral frame to the next, where the period is longer."""
 TRYING_S = 0.5
@@ -67,7 +66,7 @@ class FrameLoop:
         self.log: list[Sent] | None = [] if log else None
         self.period_ns = float(profile.timing.period) * 1e9
         self.latest_ns = min(self.period_ns, profile.timing.hold_s * 1e9)
-        """So much too late a frame is not sent."""
+        """A frame that is this late is not sent."""
         self.late, self.call = Lateness(), Lateness()
         self.start_ns: int | None = None
         self.heard_ns = self.status_ns = clock()
@@ -82,7 +81,7 @@ class FrameLoop:
         self.signal: int | None = None
 
     def run(self) -> None:
-        """Plays, and comes to rest; what went wrong is in ``report``, never raised."""
+        """Plays, then comes to rest. Errors are never raised: ``report`` holds them."""
         errors = 0
         while errors < 2 and self.schedule.state != "ended":
             try:
@@ -143,7 +142,7 @@ class FrameLoop:
         self.unsent = frame.number + 1
 
     def wait(self, until_ns: int) -> None:
-        """Sleeps, listens and beats until then."""
+        """Sleeps, reads messages and sends heartbeats until ``until_ns``."""
         while True:
             now = clock()
             self.attend(now)
@@ -156,13 +155,13 @@ class FrameLoop:
 
     @staticmethod
     def until(due_ns: int) -> int:
-        """Watches the clock until then: what time it is."""
+        """Polls the clock until ``due_ns``; returns the time."""
         while (now := clock()) < due_ns:
             pass
         return now
 
     def attend(self, now: int) -> None:
-        """The watchdog, signals, the player's silence, and what the player is told."""
+        """Serves the watchdog, signals, the player's silence, and status messages to the player."""
         guard = self.guard
         if guard is not None and guard.due(now) and not guard.left_alone(now):
             guard.beat(now)

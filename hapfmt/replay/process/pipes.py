@@ -1,11 +1,10 @@
-"""Both ends of a pipe, without ever waiting for the other side unasked.
+"""Messages between the processes of a replay: kind, length, payload, sent through pipes.
 
-Where the system can, pipes are set not to block; elsewhere (Windows) a thread stands at each.
+Neither end of a pipe blocks unless asked to. Pipes are non-blocking where the system supports it;
+on Windows a thread serves each end instead.
 
-Messages between the processes of a replay: kind, length, payload, through pipes.
-
-They come from our own processes; yet a process that dies, or another that writes into the pipe,
-can leave anything there: whatever comes gives messages or a MessageError, in bounded memory.
+Messages come from our own processes, but a dying or foreign process can write any bytes. So any
+input gives messages or a MessageError, in bounded memory.
 """
 
 from __future__ import annotations
@@ -165,7 +164,7 @@ class Inlet:
         return message
 
     def read(self) -> bytes | None:
-        """What is there; None: nothing now; empty: the end."""
+        """The available bytes; None: nothing yet; empty: end of input."""
         try:
             return os.read(self.descriptor, CHUNK)
         except BlockingIOError:

@@ -1,9 +1,7 @@
-"""A replay on a device, from the player's side: starts the writer, feeds it, ends it.
+"""The player's side of a replay on a device: starts the writer, feeds it, ends it.
 
-Nothing here waits without an end. Whatever is raised, the pipe to the writer closes, and a writer
-whose player has gone comes to rest by itself.
-
-Blocks ahead of their time: rendered in a thread, a second of them at most.
+A thread renders blocks ahead of time, at most one second of them. Every wait has a time limit. On
+any exception the pipe to the writer closes. A writer whose player has gone ramps to rest by itself.
 """
 
 from __future__ import annotations
@@ -126,7 +124,7 @@ class Feeding:
 
 
 AHEAD_S = 1.0
-"""More than this the writer never has before it."""
+"""The writer never has more than this ahead."""
 PREFILL_S = 0.2
 """Before the start; an hour-long file starts as soon."""
 JUMP_S = 5.0
@@ -137,8 +135,8 @@ STATUS_S = 0.1
 READY_S = 30.0
 """For the device, the watchdog, and the imports of both on a busy machine."""
 SILENT_S = 15.0
-"""A writer that says nothing for so long is killed: a call into a device that hangs comes back
-after 5.2 s, and the first neutral frame may be another."""
+"""A writer that is silent for this long is killed. A call into a hanging device returns after
+5.2 s, and the first neutral frame may be a second such call."""
 END_S = 5.0
 """For a process that has said all."""
 
@@ -183,7 +181,7 @@ def play(
     that was sent. ``watchdog`` False: without the second process, where a device cannot be opened
     twice. ``heartbeat_s``: a writer that is silent for longer trips the watchdog [0.1, and twice
     the hold time at least]. Signals end it by a ramp (SIGINT, SIGTERM, SIGHUP, in the main
-    thread). An error of file or device stands in the report; what is none of ours is raised.
+    thread). The report gives errors of file or device; other exceptions are raised.
     """
     if parse_profile(profile.text) != profile:
         raise ParameterError("the profile differs from its text, which is what the writer reads")
@@ -249,7 +247,7 @@ class Player:
         """The writer must have ended by then."""
 
     def run(self) -> None:
-        """Until the writer has told its end, or cannot any more."""
+        """Runs until the writer reports its end, or no longer can."""
         while self.end is None and not self.trouble:
             self.source.wait(TURN_S)
             self.hear()
@@ -260,7 +258,7 @@ class Player:
             self.watch(seconds())
 
     def hear(self) -> None:
-        """All that the writer has said."""
+        """Handles all messages of the writer."""
         try:
             while self.end is None and (message := self.source.take()) is not None:
                 self.heard_at = seconds()
@@ -298,7 +296,7 @@ class Player:
             self.stop("failed", f"the record cannot be written: {error}")
 
     def give(self) -> None:
-        """Blocks, as far as they may be ahead; the word to start, once enough are there."""
+        """Sends blocks, up to the limit ahead, and the start command when there are enough."""
         ahead = self.played + round(AHEAD_S * self.rate)
         while not self.stopped and (block := self.feed.take(ahead)) is not None:
             self.target.send(pack(Kind.BLOCK, pack_block(block)))
@@ -355,13 +353,13 @@ class Player:
             self.target.send(pack_json(Kind.STOP, outcome=outcome, reason=reason, signal=number))
 
     def rest_s(self) -> float:
-        """A ramp to rest takes no longer, however slow the actuators are, nor what follows it."""
+        """Upper bound of a ramp to rest and of what follows it, for any actuators."""
         timing = self.profile.timing
         slowest = max(((a.maximum - a.minimum) / a.slew for a in self.profile.actuators), default=0)
         return timing.ramp_s + slowest + timing.neutral_count * 0.02 + 2 * float(timing.period)
 
     def watch(self, now: float) -> None:
-        """What takes too long; and signs of life, both ways."""
+        """Sends heartbeats, checks time limits, and reports the status."""
         if now - self.alive_at > ALIVE_S:
             self.alive_at = now
             self.target.send(pack(Kind.ALIVE))
@@ -387,7 +385,7 @@ class Player:
             )
 
     def close(self) -> None:
-        """No process is left, nor a thread that works."""
+        """Ends all processes and threads."""
         self.feed.halt()
         if self.end is None and not self.trouble:
             # Something was raised here: the writer comes to rest all the same.
@@ -412,7 +410,7 @@ class Player:
         self.errors.wait(END_S)
 
     def report(self) -> ReplayReport:
-        """What the writer told; where it cannot, what is known of it."""
+        """The writer's final report; if it sent none, one from its last status."""
         end = dict(self.end or {**self.status, "outcome": "failed", "reason": self.died()})
         for name in ("state", "played", "generation", "max_late_us", "under_run_samples"):
             end.pop(name, None)

@@ -1,6 +1,6 @@
-"""What a replay was: counts, lateness, what was not played, how it ended (SPEC 13, PLY-008).
+"""The report of a replay: counts, lateness, parts not played, outcome (SPEC 13, PLY-008).
 
-How late frames were: percentiles of any number of times, in a few kilobytes.
+Percentiles of the lateness take a few kilobytes for any number of frames.
 """
 
 from __future__ import annotations
@@ -101,14 +101,15 @@ class Lateness:
         self.max = max(self.max, time_ns)
 
     def merge(self, other: Lateness) -> None:
-        """As if all that ``other`` was given had been given to this."""
+        """Merges the times of ``other`` into this."""
         for index, count in other._classes.items():
             self._classes[index] = self._classes.get(index, 0) + count
         self.count += other.count
         self.max = max(self.max, other.max)
 
     def percentiles(self, per_mille: Iterable[int] = (500, 990, 999)) -> tuple[int, ...]:
-        """The least time such that so many thousandths of all are no longer; 0 of none."""
+        """For each share, the least time that this share of all times does not exceed; 0 if
+        there are none."""
         found = []
         order = sorted(self._classes)
         for wanted in per_mille:

@@ -1,16 +1,17 @@
 """The process that puts the device to rest when the writer no longer does.
 
-It opens the device a second time before anything moves, and then only listens: the writer's
-heartbeat on standard input. A heart that stops, or an end without a goodbye, trips it: neutral
-frames through its own handle, at once and again, until the writer is gone or has said goodbye.
-A writer that was stalled in the middle of a call may have sent an old force after the first of
-them. It does not ramp: it knows nothing of the force, only that nobody holds it.
+It opens the device a second time before anything moves, and then only listens on standard input for
+the writer's heartbeat. It trips when the heartbeat stops, or when the input ends without a goodbye.
+It then sends neutral frames through its own handle, at once and repeatedly. It stops when the
+writer has ended or has said goodbye. The repetition matters: a writer that was stalled in a call
+may send an old force after the first neutral frame. The watchdog does not ramp. It does not know
+the force, only that no process controls it.
 
-The first one comes ``heartbeat_s`` after the last beat of a writer that hangs, and a few
-milliseconds after the death of one that is killed: 3.4 ms, at most 6.7 ms of 20 (two cores with
-twice as much to do, SCHED_FIFO; 5.3 ms and 23 ms without).
+If the writer hangs, the first neutral frame comes ``heartbeat_s`` after the last beat. If the
+writer is killed, it comes a few milliseconds after its death: 3.4 ms, at most 6.7 ms in 20 runs.
+Those values hold for two cores at twice their load under SCHED_FIFO; without it, 5.3 ms and 23 ms.
 
-The watchdog, as the writer sees it.
+This file also has the writer's side of the watchdog.
 """
 
 from __future__ import annotations
@@ -44,11 +45,11 @@ from .pipes import (
 )
 
 SETUP_S = 10.0
-"""The writer has so long to say what is to be done."""
+"""Time limit for the setup from the writer."""
 ALIVE_S = 0.05
-"""So often the writer hears that somebody watches."""
+"""Interval of the heartbeats to the writer."""
 LONGEST_S = 30.0
-"""After tripping, whatever becomes of the writer."""
+"""Upper bound after tripping, even if the writer still runs."""
 
 
 class WatchdogSetup(NamedTuple):
@@ -117,7 +118,7 @@ class Watchdog:
                 self.beat_at = seconds()
                 self.goodbye = self.goodbye or message.kind is Kind.GOODBYE
         except MessageError:
-            # Whoever says such things is no healthy writer.
+            # Malformed messages mean that the writer is faulty.
             self.source.ended = True
 
     def tell_asked(self) -> None:
@@ -125,7 +126,7 @@ class Watchdog:
             self.target.send(pack_json(Kind.GOODBYE, signal=self.asked.pop()))
 
     def trip(self, cause: str) -> None:
-        """Neutral frames until the writer is gone or through, and as often as asked at least."""
+        """Sends neutral frames, at least as many as requested, until the writer is done or gone."""
         began = seconds()
         # A device that takes nothing can hold a call for seconds; not this process for ever.
         faulthandler.dump_traceback_later(LONGEST_S, exit=True)
@@ -217,7 +218,7 @@ READY_S = 10.0
 """To open the device a second time."""
 BEAT_NS = 10_000_000
 SILENT_NS = 2_000_000_000
-"""A watchdog of which nothing was heard for so long watches no more."""
+"""A watchdog that is silent for this long is treated as dead."""
 BEAT = pack(Kind.BEAT)
 
 
@@ -261,7 +262,7 @@ class Guard:
         return now_ns - self.beat_ns >= BEAT_NS
 
     def left_alone(self, now_ns: int) -> bool:
-        """Whether it may have tripped by now: what is sent from here on is neutral."""
+        """True once the watchdog may have taken over; from then on send neutral frames only."""
         return self.tripped or (not self.ended and now_ns - self.beat_ns >= self.heartbeat_ns)
 
     def listen(self, now_ns: int) -> None:

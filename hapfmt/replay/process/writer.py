@@ -1,7 +1,8 @@
-"""The process that writes to the device, the only one that does while it lives.
+"""The writer: while it lives, it is the only process that writes to the device.
 
-Standard input: the setup, then blocks and commands of the player; standard output: what the player
-is told. The end of the input, without a stop before it, says that the player has died.
+It reads the setup from standard input, then blocks and commands of the player. It sends status
+messages to the player on standard output. If the input ends without a stop command, the player has
+died.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""What a device takes, as data: TOML -> Profile, counts -> reports, which device it fits.
+"""Device profiles as data: TOML -> Profile, counts -> reports, and which device a profile fits.
 
-layout.py    the bytes of a report         model.py   a profile
-parse.py     TOML -> profile                rules.py   what must hold
-maps.py      counts -> odd bytes           packing.py counts -> reports
+model.py     a profile, and the layout of a report.
+parse.py     TOML -> Profile, and the rules that it must satisfy.
+packing.py   counts -> the bytes of reports.
+matching.py  finds the device of a profile, and checks its report descriptor.
 """

@@ -1,14 +1,13 @@
-"""Which device a profile fits: by what the system says of it, then by its own descriptor.
+"""Finds the device that a profile fits: by the system's data, then by the report descriptor.
 
-A HID report descriptor: bytes -> which reports a device has, and how long they are.
+A HID report descriptor says which reports a device has, and how long they are. Format: USB Device
+Class Definition for Human Interface Devices 1.11, clauses 5.3 to 6.2.2. It is a sequence of items.
+Each has one byte of size, type and tag, then 0, 1, 2 or 4 bytes of data. *Global* items (size of a
+field, number of fields, report id ...) hold until they are changed. *Local* items (usages) hold
+until the next *main* item, which is a run of fields or the border of a collection.
 
-Format: USB Device Class Definition for Human Interface Devices 1.11, clauses 5.3 to 6.2.2. Items
-stand one after the other: a byte of size, type and tag, then 0, 1, 2 or 4 bytes of data. *Global*
-items (size of a field, number of fields, report id ...) hold until they are changed, *local* ones
-(usages) until the next *main* item, which is a run of fields or the border of a collection.
-
-The bytes come from a device, and nothing about them is trusted: whatever they are gives a value or
-a DeviceError with its place.
+The bytes come from a device and are not trusted. Any input gives a value or a DeviceError with its
+offset.
 """
 
 from __future__ import annotations
@@ -100,8 +99,11 @@ def items_of(data: bytes) -> list[Item]:
 
 
 def parse_descriptor(data: bytes) -> Descriptor:
-    """DeviceError where an item is cut off, a collection or a pushed state is not closed or was
-    not open, a report id is none, or a report is longer than any that can be sent."""
+    """Parses a report descriptor; DeviceError if it is malformed.
+
+    Malformed means: an item is cut off; a collection or a pushed state is not closed or was not
+    open; a report id is invalid; a report is longer than any that can be sent.
+    """
     state = Globals()
     pushed: list[Globals] = []
     local: list[Item] = []

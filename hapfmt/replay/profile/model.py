@@ -1,6 +1,6 @@
-"""A device profile: what it takes, and what it must never be given (docs/spec/players.md).
+"""A device profile: its actuators, reports and safety limits (docs/spec/players.md).
 
-The bytes of one report, as a profile describes them; ``at`` counts from the report id.
+Also the byte layout of one report; ``at`` counts from the report id.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ class Profile:
     """The TOML that it was parsed from."""
 
     def places(self, names: tuple[str, ...]) -> tuple[int, ...]:
-        """Where actuators of these names stand."""
+        """Indices of the actuators with these names."""
         index = {actuator.name: n for n, actuator in enumerate(self.actuators)}
         return tuple(index[name] for name in names)
 

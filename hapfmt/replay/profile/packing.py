@@ -1,6 +1,6 @@
-"""Counts -> the reports of a frame. Planned once, so that a frame costs few steps.
+"""Counts -> the reports of a frame. The layout is planned once, so that a frame takes few steps.
 
-Functions that turn counts into bytes, for devices whose fields are not plain integers.
+Also the functions that turn counts into bytes for fields that are not plain integers.
 """
 
 from __future__ import annotations

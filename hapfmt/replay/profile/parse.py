@@ -1,7 +1,7 @@
-"""TOML -> Profile. What single values must be is declared here, what they must be together in
-rules.py; schema.json says the former once more, for editors (tools/schemas.py writes it).
+"""TOML -> Profile, with all checks. A profile that passes may be played.
 
-What the values of a profile must be together; a profile that passes may be played.
+The rules for single values are declared here; schema.json repeats them for editors
+(tools/schemas.py writes it). The rules for combinations of values follow as functions.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Recording -> values for a device: assignment of channels, resampling (docs/spec/players.md)."""
+"""Recording -> values for a device: channel assignment and resampling (docs/spec/players.md)."""
 
 from .assign import Assignment, Route, assign
 from .renderer import Position, Renderer

@@ -1,6 +1,6 @@
-"""Which channel drives which actuator, and why (SPEC PLY-012, PLY-013).
+"""Assigns channels to actuators and gives the reasons (SPEC PLY-012, PLY-013).
 
-Recorded units -> those of an actuator: what a profile accepts, with any prefix.
+Also converts recorded units to an actuator's unit: those that a profile accepts, with any prefix.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class UnitTerm(NamedTuple):
 
 
 def parse_term(unit: str) -> UnitTerm:
-    """A UCUM term without parentheses and annotations; anything else is an atom as it stands."""
+    """Parses a UCUM term without parentheses and annotations; any other text is one atom."""
     if re.search(r"[(){}]", unit):
         return UnitTerm(Fraction(1), ((unit, 1),))
     scale, atoms = Fraction(1), dict[str, int]()
@@ -398,7 +398,7 @@ def refusal(
     *,
     by_order: bool,
 ) -> list[str]:
-    """What is missing, and the command lines that would play: a line each."""
+    """Lists the missing assignments and the commands that would play, one per line."""
     refs = {ref.number: ref for ref in channels}
     if not found.faults:
         return ["nothing to play: no channel is left"]

@@ -1,12 +1,11 @@
 """One channel for one actuator: decoded packets -> values at the samples of the device.
 
-Device samples -> places on a channel's grid of ticks, in exact rational arithmetic.
+Device samples are mapped to places on a channel's grid of ticks in exact rational arithmetic.
+Resampling kernels give the value of a channel between its ticks (docs/spec/players.md).
 
-Resampling kernels: which value a channel has between its ticks (docs/spec/players.md).
-
-``ratio`` is rate of the channel times speed by rate of the device; p = max(1, ratio) is the width
-of a kernel in ticks, so that what the device cannot render is taken away before it folds back. x is
-the distance of a tick from the place asked for, in ticks.
+``ratio`` is the rate of the channel times the speed, divided by the rate of the device. p = max(1,
+ratio) is the width of a kernel in ticks: it removes frequencies that the device would alias. x is
+the distance of a tick from the requested place, in ticks.
 """
 
 from __future__ import annotations
@@ -262,7 +261,7 @@ class ChannelResampler:
         return [queue for queue in (self.base, self.residual) if queue is not None]
 
     def take(self, tick: int) -> None:
-        """Turn what came into runs; nothing before this tick is still to come."""
+        """Turns received packets into runs. No packet before this tick will follow."""
         if self.band == "full" and self.base is not None:
             for start, numbers, piece in self.sums(self.base, self.residual, tick):
                 self.add(start, numbers, piece)
@@ -310,7 +309,7 @@ class ChannelResampler:
         self.runs.append(Run(start, values))
 
     def drop(self, tick: int) -> None:
-        """What lies before this tick is not asked for any more."""
+        """Drops values before this tick; they are no longer needed."""
         kept = 0
         while kept < len(self.runs) and self.runs[kept].stop <= tick:
             kept += 1
@@ -338,7 +337,7 @@ class ChannelResampler:
         return values, known
 
     def finite(self, first: int, stop: int) -> Iterator[Run]:
-        """Runs of finite values within [first, stop): a value that is not is no value."""
+        """Runs of finite values within [first, stop); other values count as missing."""
         for run in self.runs:
             if run.start >= stop:
                 return

@@ -1,4 +1,4 @@
-"""A recording -> blocks of values for a device, rendered ahead of their time."""
+"""Recording -> blocks of values for a device, rendered ahead of time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ WIDEST_SINC, WIDEST = 1 << 14, 1 << 20
 """Ticks of a channel for one sample of the device: above the first a sinc would take 2^19 ticks,
 and the mean under a triangle is sent instead; above the second the channel is refused."""
 LATE_S = 1
-"""Seconds without anything at the start that are told."""
+"""Silence at the start is reported from this number of seconds on."""
 SIDE_BY_SIDE_S = 2
 """Channels whose kernels look farther ahead than that are read in a pass of their own."""
 
@@ -153,7 +153,7 @@ class Renderer:
         return self.made[shape, ratio]
 
     def note_late_start(self) -> None:
-        """Somebody may wait for a recording that begins in an hour."""
+        """Notes a long silence before the recording begins."""
         starts = [ref.start_ns for ref in self.reader.catalogue.data if ref.start_ns is not None]
         first = Fraction(min(starts, default=0), 10**9)
         if first > self.start + LATE_S:
@@ -304,7 +304,7 @@ class Renderer:
         return [together, *alone]
 
     def rebind(self, lanes: list[RoutedChannel], catalogue: Catalogue) -> None:
-        """The index was false: what belongs to a channel may be more, or less, or another."""
+        """The index was false: the tracks of each channel may differ."""
         refs = {ref.number: ref for ref in catalogue.channels}
         for route, feed, _ in lanes:
             ref = refs.get(route.channel)
@@ -316,12 +316,12 @@ class Renderer:
 
     @property
     def lost(self) -> list[str]:
-        """What damage took so far, in words."""
+        """Spans lost to damage so far, in words."""
         return lost_lines(self.reader.catalogue, self.lost_spans)
 
     @property
     def lost_spans(self) -> list[LostSpan]:
-        """What damage took of the tracks that were read so far."""
+        """Spans lost to damage in the tracks read so far."""
         now = self.source.lost if self.source else []
         return list(dict.fromkeys([*self.past, *now]))
 

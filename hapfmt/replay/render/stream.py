@@ -1,8 +1,8 @@
-"""File -> packets of the tracks that are played, ahead of their time, in the memory of a cluster.
+"""File -> packets of the played tracks, read ahead, in the memory of one cluster.
 
-Tracks that go on side by side share one pass over the file. Where one has nothing for long while
-the others pile up (a tick an hour, or a file that holds one track behind the other), it gets a pass
-of its own.
+Tracks share one pass over the file while they advance together. A track gets its own pass if it has
+no packets for long while packets of the others accumulate. Examples are a track with one tick an
+hour, and a file that stores one track after the other.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ AHEAD = 1 << 19
 """Samples that tracks may hold at the end of a cluster, while one of them still has nothing."""
 NS = 10**9
 NEVER = 1 << 80
-"""Nanoseconds: nothing comes any more."""
+"""Nanoseconds; means that no packet follows."""
 
 
 class NewCatalogueError(Exception):
@@ -82,7 +82,7 @@ class DecodingPass:
         self.ended = False
 
     def complete(self, queue: PacketQueue, tick: int) -> bool:
-        """Whether all that the file has of the queue before this tick is there."""
+        """True if the queue holds everything that the file has before this tick."""
         if self.ended or queue.stop >= min(tick, queue.end):
             return True
         rate = queue.rate
@@ -142,10 +142,10 @@ def starts_of(refs: Sequence[ChunkRef]) -> list[int]:
 
 
 class PacketSource:
-    """All passes that feed some queues, of which each group starts with one.
+    """All passes that feed the given queues; each group starts with one pass.
 
-    ``rebind`` is called with what a file holds whose index proved false; it gives queues their
-    tracks anew.
+    If the index proves false, ``rebind`` gets the corrected catalogue and reassigns the tracks of
+    the queues.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Where frames go; each kind is imported when it is used."""
+"""Destinations of frames. Each kind is imported when it is used."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Frames -> lines of text: what a device would be sent.
+"""Frames -> lines of text: the reports that a device would get.
 
-A device that is a file: one JSON line a frame, and faults on demand; for tests and timing.
+Also a simulated device: it writes one JSON line per frame and can inject faults, for tests and
+timing.
 """
 
 from __future__ import annotations

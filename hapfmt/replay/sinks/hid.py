@@ -1,8 +1,11 @@
-"""Reports to a real device, through hidapi.
+"""Sends reports to a real device through hidapi.
 
-What hidapi does, and this relies on or guards against: ``write`` returns -1 and never raises; no
-platform checks a report's id or length; two writers at once, or a close during a call, end in a
-crash; an object cannot be opened again.
+This file relies on, or guards against, these properties of hidapi:
+
+- ``write`` returns -1 and never raises.
+- No platform checks the id or length of a report.
+- Two writers at once, or a close during a call, crash the process.
+- An object cannot be reopened.
 """
 
 from __future__ import annotations
@@ -27,8 +30,8 @@ CLOSE_WAIT_S = 6.0
 """A write to a device that hangs comes back after 5.2 s (Linux hidraw), and no close may fall
 into it."""
 INTERRUPTED = os.strerror(errno.EINTR)
-"""A signal came while the device was waited for (a feature report by Bluetooth LE): said by no
-other means. It is no loss of the device, and the same report may go again."""
+"""A signal interrupted a wait for the device (a feature report by Bluetooth LE). Only this text
+says so. The device is not lost, and the same report may be sent again."""
 NO_ANSWER = "hidapi gives no reason; the device has gone, or does not answer"
 
 
@@ -96,7 +99,7 @@ def device_of(entry: dict[str, Any]) -> SystemDevice:
 
 
 def find(profile: Profile, path: str | bytes | None = None) -> SystemDevice:
-    """Of the devices that are connected, the one at ``path``, or the only one that fits."""
+    """Returns the connected device at ``path``, or the only one that fits."""
     return choose(profile, connected(), path)
 
 
@@ -184,7 +187,7 @@ class HidSink:
         self.write(reports)
 
     def write(self, reports: tuple[HidReport, ...]) -> None:
-        """In their order, none after one that failed. Raises DeviceError."""
+        """Sends the reports in order; stops at the first that fails. Raises DeviceError."""
         for path, data in reports:
             with self.lock:
                 taken, why = self.taken(path, data)

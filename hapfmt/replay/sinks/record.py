@@ -1,4 +1,4 @@
-"""Frames -> a recording of what was sent, .hapf or .csv."""
+"""Frames -> a recording of the sent values, .hapf or .csv."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ DENOMINATORS = (10**3, 10**6, 10**9, 10**12, 10**15)
 
 
 class RecordSink:
-    """Values that were sent, in each actuator's unit, as counts of its step: one channel for each
-    actuator, a gap where nothing was sent.
+    """Records the sent values, in each actuator's unit, as counts of its step. There is one
+    channel per actuator, and a gap where nothing was sent.
 
-    A context manager: OUT appears when the block ends, whole, and holds what was sent until then
-    however it ends. ``metadata`` says what was played, and how.
+    A context manager: OUT appears complete when the block ends. It holds all values sent until
+    then, also after an error. ``metadata`` describes the recording played, and its settings.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class RecordSink:
         force: bool = False,
         canonical: int | None = None,
     ) -> None:
-        """``canonical``: file id of a .hapf that depends on nothing but what was played."""
+        """``canonical``: file id of a .hapf, derived only from the recording played."""
         kinds: dict[str, Callable[..., RowWriter]] = {".hapf": HapfRows, ".csv": CsvRows}
         if Path(path).suffix.lower() not in kinds:
             raise ParameterError("what is sent is recorded as .hapf or .csv", path=path)
@@ -92,7 +92,7 @@ class RecordSink:
         """It is open while the block runs."""
 
     def send(self, frame: Frame, reports: tuple[HidReport, ...]) -> None:  # noqa: ARG002
-        """``frame`` without counts (to begin, to end) is no sample."""
+        """A ``frame`` without counts (at the beginning or end) adds no sample."""
         if not frame.counts:
             return
         first = frame.number * self.size
