@@ -50,7 +50,7 @@ GRID_BITS = LEVELS[1].count_bits - 1
 at most on the recordings, either way)."""
 
 TEXTS = 4096
-"""Most distinct values whose decimals are examined."""
+"""About as many distinct values have their decimals examined (fewer than twice as many)."""
 
 CHEAP = 4
 """Bits a sample: a grid SPARSE times finer than the natural one costs at least as much."""
