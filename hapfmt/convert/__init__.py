@@ -1,7 +1,7 @@
 """Other files <-> Recording, by suffix; a format's module is imported only when it is used.
 
-What a format cannot hold, and what a file holds that a Recording cannot, is listed in plain
-sentences: ``Recording.metadata["notes"]`` after :func:`read`, the return value of :func:`save`.
+Each direction reports its omissions in plain sentences: :func:`save` returns what a format cannot
+hold, and ``Recording.metadata["notes"]`` lists what :func:`read` left out.
 """
 
 from __future__ import annotations
@@ -89,20 +89,20 @@ def read(
 ) -> Recording:
     """The recording in a file of any format: .hapf .npz .npy .csv .wav.
 
-    ``file`` is a path, a URL (extra "remote"), bytes, or a binary stream. ``format`` names
-    its format. Without it the first bytes decide, and then the suffix. ``channels`` are labels or
+    ``file`` is a path, a URL (extra "remote"), bytes, or a binary stream. ``format`` names its
+    format. Without it the first bytes decide, and then the suffix. ``channels`` are labels or
     numbers, ``start`` and ``stop`` seconds: samples with start <= time < stop are read.
 
     Other formats than .hapf: ``rate`` in Hz (1000, 35.618 or "44100/7") is for files that hold
-    none, and overrides the one of a file that does. ``transpose`` is for arrays that are
-    [samples, channels]. ``metadata["notes"]`` lists what was not carried over.
+    none, and overrides the one of a file that does. ``transpose`` is for arrays that are [samples,
+    channels]. ``metadata["notes"]`` lists everything that was not converted.
 
-    .hapf: ``band`` is "full", "lf" or "hf"; ``exact`` False leaves the float64 corrections out;
-    any damage raises (:class:`hapfmt.Reader` goes on).
+    .hapf: ``band`` is "full", "lf" or "hf"; ``exact`` False leaves the float64 corrections out; any
+    damage raises (:class:`hapfmt.Reader` goes on).
 
     Raises ParameterError for other formats that are malformed, FormatError for .hapf;
-    UnknownChannelError; LimitError above ``max_memory`` bytes or the ``limits``;
-    MissingExtraError; OSError.
+    UnknownChannelError; LimitError above ``max_memory`` bytes or the ``limits``; MissingExtraError;
+    OSError.
     """
     from ..limits import Limits
 

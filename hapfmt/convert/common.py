@@ -25,7 +25,7 @@ SLICE = 1 << 18
 """Values that are written at a time."""
 
 BLOCK_SIZE = 1 << 20
-"""Bytes asked for at a time, so that a size that is only promised takes no memory."""
+"""Bytes read at a time, so that a wrong size field costs no memory."""
 
 _RATE = re.compile(r"\d{1,40}/\d{1,40}|(?:\d{1,40}\.?\d{0,40}|\.\d{1,40})(?:e[+-]?\d{1,2})?", re.A)
 """Bounded, since Fraction("1e999999999") would compute all of its digits."""
@@ -78,7 +78,7 @@ def read_bytes(stream: IO[bytes], size: int) -> bytearray:
 
 
 def seekable(stream: BinaryIO, max_memory: int) -> BinaryIO:
-    """The stream itself where it can seek and stands at its beginning, otherwise a copy of it."""
+    """The stream itself where it can seek and is at its beginning, otherwise a copy of it."""
     if stream.seekable() and stream.tell() == 0:
         return stream
     data = read_bytes(stream, max_memory + 1)

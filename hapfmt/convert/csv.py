@@ -39,7 +39,8 @@ _LINE_LIMIT = 1 << 24
 _DECIMALS_LIMIT = 18
 """Decimals of a time that is written exactly; 1 / 2**18 Hz needs as many."""
 _GAP_ROWS = 1_000_000
-"""Rows without any sample that are written; where there are more, the time column tells of them."""
+"""Most rows without any sample that are written. Where there are more, the time column shows
+them."""
 _MILLISECONDS = 1e11
 """Times from here on, in a column that names no unit, are milliseconds or less since 1970."""
 
@@ -92,10 +93,10 @@ def read(
 ) -> Recording:
     """Empty cells, "nan" and rows that a regular time column leaves out are gaps.
 
-    The delimiter is the most frequent of tab, semicolon and comma in the header; lines that begin
-    with # are comments; a first column t, time, "time [ms]" ... holds times in seconds or that
-    unit, or ISO 8601 dates. Times that count from 1970 give the epoch. Where the delimiter is no
-    comma, decimal commas are read.
+    The delimiter is the most frequent of tab, semicolon and comma in the header. Lines that begin
+    with # are comments. A first column t, time, "time [ms]" ... holds times in seconds or that
+    unit, or ISO 8601 dates. Times that count from 1970 give the epoch. Decimal commas are read
+    unless the delimiter is a comma.
     """
     if transpose is not None:
         raise ParameterError("transpose is for arrays in .npy and .npz; a table has a row per tick")
@@ -125,7 +126,7 @@ class _Table:
         self._names = [cell.strip() for cell in next(self._reader([header]))]
         if all(_NUMBER.fullmatch(name) or not name for name in self._names):
             self._refuse("the first row holds numbers; a header row 'name [unit]' is expected")
-        # A delimiter at the end of each row, as some programs write it, is no column.
+        # Some programs write a delimiter at the end of each row: it does not start a column.
         self._trailing = len(self._names) > 1 and not self._names[-1]
         if self._trailing:
             self._names.pop()
@@ -224,7 +225,7 @@ class _Table:
                 if row[-1].strip():
                     self._refuse("a value in a column that the header gives no name")
                 row.pop()
-            # An empty line is no row, except in a single column, where it is an empty cell. Empty
+            # An empty line is skipped, except in a single column, where it is an empty cell. Empty
             # cells are a row of gaps, except where their time would have to be known.
             if not any(row) and (len(row) < width or self._stamps is not None):
                 continue

@@ -14,11 +14,11 @@
 ``t``                   [samples] true times in s: compared with the grid, not stored
 ======================  =============================================================
 
-Where channels differ in rate, each rate is a group, and its keys end in __0, __1 ...
+Where channels differ in rate, each rate is a group. Its keys end in __0, __1 ...
 
-Archives of others are read too: ``fs`` or ``sampling_rate`` for the rate, ``time`` for ``t``, which
-give the rate where no key does, and, where there is no ``x``, one array of one dimension for each
-channel, or a single array of any name.
+Archives from other programs are read too: ``fs`` or ``sampling_rate`` for the rate, ``time`` for
+``t``. The times give the rate where no key does. Without ``x``, each channel is an array of one
+dimension, or a single array of any name holds them all.
 """
 
 from __future__ import annotations
@@ -69,10 +69,10 @@ _TIMES = ("t", "time", "times", "timestamps")
 _GROUPS = 1000
 """Rates of a file."""
 _DIRECTORY_SIZE = 1 << 21
-"""Bytes of the list of members, so that it is short before it is read: 20 000 at least."""
+"""Longest list of members in bytes, checked before it is read: 20 000 members at least."""
 _MEMBERS = 10_000
 _KEYS_NAMED = 8
-"""So many keys are listed in a message, the others are counted."""
+"""A message lists this many keys and counts the others."""
 
 
 def read(
@@ -212,7 +212,7 @@ class _Archive:
         return exact_doubles(self._flat(key, "iuf", "numbers", limit), f"key {key!r}")
 
     def rate(self, key: str) -> Fraction | None:
-        """A text as it stands; of a float its shortest decimal, in its own dtype."""
+        """A text unchanged; of a float its shortest decimal, in its own dtype."""
         values = self._flat(key, "iufU", "a rate", 1)
         with refusing(f"key {key!r}"):
             return rate_from(str(values[0])) if values.size else None
@@ -473,9 +473,9 @@ def _text(texts: list[str]) -> NDArray[np.str_]:
 
 
 def _step(channel: Channel) -> float:
-    """The lsb told by the channel, or the step of its counts; NaN for none.
+    """The lsb that the channel states, or the step of its counts; NaN for none.
 
-    A binary grid beside exact values is the encoder's, not the sensor's.
+    A binary grid with exact values is the encoder's, not the sensor's.
     """
     if channel.lsb is not None:
         return channel.lsb

@@ -39,9 +39,9 @@ _VALUES_AT_ONCE = 1 << 20
 _SIZE_LIMIT = (1 << 32) - (1 << 16)
 """Bytes of samples: the sizes in the header have 32 bits, the rest is left to the header."""
 _UNKNOWN_SIZE = 0xFFFFFFFF
-"""What stands in the header of a file that was written to a pipe."""
+"""The size in the header of a file that was written to a pipe."""
 _CHUNKS_LIMIT = 1000
-"""So many chunks are passed in search of the samples; real files have a handful."""
+"""Most chunks that are skipped in search of the samples; real files have a handful."""
 
 
 def _soundfile() -> Any:

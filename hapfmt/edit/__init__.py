@@ -1,4 +1,4 @@
-"""Files cut, joined and completed without encoding anything anew (docs/spec/editing.md).
+"""Cuts, joins and completes files without encoding anything again (docs/spec/editing.md).
 
 from hapfmt import edit
 

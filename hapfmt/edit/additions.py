@@ -1,10 +1,8 @@
-"""What is added to a file without touching what stands in it: in place, or in a copy.
+"""Additions to an existing file, in place or in a copy; everything already in it stays unchanged.
 
-Events added to an existing file (SPEC 9.9).
-
-Files attached to a recording, and taken out again (SPEC 6.8).
-
-Members of the metadata, set in an existing file (SPEC 6.7).
+* Events (SPEC 9.9).
+* Attached files, and their extraction (SPEC 6.8).
+* Members of the metadata (SPEC 6.7).
 """
 
 from __future__ import annotations
@@ -38,8 +36,8 @@ PIECE = 1 << 20
 
 
 class OpenEnd(NamedTuple):
-    """A writer that stands at the end of what ``catalogue`` knows; ``note``: what was cut off the
-    end of the file before."""
+    """A writer at the end of the part that ``catalogue`` knows; ``note``: what has been cut off the
+    end of the file first."""
 
     writer: FileWriter
     catalogue: Catalogue
@@ -117,7 +115,7 @@ def annotate(
 
 
 def named(event: Event, labels: Sequence[str]) -> Event:
-    """A text that is no label but a number is taken as one."""
+    """A text that is a number and not a label is taken as a channel number."""
     channel = event.channel
     if isinstance(channel, str) and channel not in labels and channel.isascii():
         return replace(event, channel=int(channel)) if channel.isdecimal() else event

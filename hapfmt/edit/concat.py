@@ -44,14 +44,14 @@ def concat(
 ) -> Edited:
     """Put files one after the other into ``out``.
 
-    Channels are matched by label where every channel has one of its own, else by number; they need
-    the same rate, number format, calibration and unit; those that are coded in one track are so in
-    all files. A channel that a file lacks has a gap there.
+    Channels are matched by label where every channel has one of its own, else by number. They need
+    the same rate, number format, calibration and unit. Channels that are coded in one track must be
+    so in all files. A channel that a file lacks has a gap there.
 
     Parts of one recording (the same UUID) keep their times. Else the zero of each file lies at the
-    end of the one before, or ``gap`` seconds after it, rounded up to a whole number of ticks of
-    every track. ``times``: "same" keeps the ticks of all files, "epoch" places them as
-    their epochs say, to the nearest whole tick. The epoch is that of the first file.
+    end of the one before, or ``gap`` seconds after it. It is rounded up to a whole number of ticks
+    of every track. ``times``: "same" keeps the ticks of all files, "epoch" places them as their
+    epochs say, to the nearest whole tick. The epoch is that of the first file.
 
     Raises as :func:`subset` does, ParameterError also where channels do not go together, or packets
     of one channel overlap.

@@ -1,7 +1,9 @@
-"""Which tracks of one file go on in the next: the same track where its description is the same,
-else one that continues it (SPEC TRK-016).
+"""Joins the tracks and the time lines of several files.
 
-Where the zero of each file lies on the time line of the result, in seconds.
+A track of one file goes on in the next as the same track where its description is the same. Else a
+new track continues it (SPEC TRK-016).
+
+The zero of each file gets a place on the time line of the result, in seconds.
 """
 
 from __future__ import annotations
@@ -236,7 +238,7 @@ def formula(affine: Affine) -> str:
 
 
 Times = Literal["same", "epoch"]
-"""same: the ticks of all files count from one zero; epoch: the UTC times of their zeros tell."""
+"""same: the ticks of all files count from one zero; epoch: the UTC times of their zeros decide."""
 
 
 class CommonTimeline(NamedTuple):

@@ -1,15 +1,11 @@
-"""An edited file in the making: descriptions, clusters and other chunks come over from originals,
-and what was kept and what was not is noted on the way.
+"""Builds an edited file: it copies descriptions, clusters and other chunks from the originals, and
+notes what it keeps and what it leaves out.
 
-What becomes of each track: its new id, channel numbers and description, and how far it moves.
-
-A slow part, or a residual, that becomes a channel of its own (SPEC TRK-012, EDT-006).
-
-Chunks of clocks whose tracks move in time (SPEC 6.10).
-
-Events whose channels get other numbers, or are left out (SPEC 9.9, EDT-003).
-
-The metadata of several files as one, with nothing lost.
+* The plan of each track: its new id, channel numbers and description, and its shift in time.
+* A slow part, or a residual, that becomes a channel of its own (SPEC TRK-012, EDT-006).
+* Chunks of clocks whose tracks move in time (SPEC 6.10).
+* Events whose channels get other numbers, or are left out (SPEC 9.9, EDT-003).
+* The metadata of several files, combined without loss.
 """
 
 from __future__ import annotations
@@ -105,8 +101,8 @@ def lay_out(
 
 
 def level_for(tracks: Sequence[Track], *levels: Level, largest: int = 0) -> Level:
-    """The highest of ``levels``, or level 2 where a declared range, or the largest payload that is
-    no cluster, needs it."""
+    """The highest of ``levels``. Level 2 where a declared range needs it, or the largest payload of
+    a chunk other than a cluster."""
     level = max(levels, key=lambda level: level.number, default=LEVELS[1])
     low = largest <= level.payload_size and all(track.in_range_of(level) for track in tracks)
     return level if low else LEVELS[2]
@@ -155,8 +151,8 @@ def moved_clock(payload: bytes, track: int, plan: EditPlan, offset: int) -> byte
 
 
 def renumbered(packet: Packet, numbers: Mapping[int, int]) -> tuple[Packet | None, int]:
-    """The packet of events with new channel numbers, without those of channels that have none (None
-    where no event is left), and how many these were."""
+    """The packet of events with new channel numbers, without the events of channels that have none;
+    and how many these were. None where no event is left."""
     events = parse_events(packet.data, packet.start, packet.span, packet.offset)
     kept = [
         event if event.channel is None else event._replace(channel=numbers[event.channel])
@@ -229,7 +225,7 @@ class Making:
         self.ends: dict[int, tuple[int, int]] = {}
         self.partial: dict[Original, set[int]] = {}
         self.last: dict[Original, dict[int, int]] = {}
-        """Where in its file the last packet of a track stands."""
+        """The offset of a track's last packet in its file."""
         self.seen: dict[bytes, Original] = {}
         """Which file had a chunk first, by its digest."""
         self.maps_to_drop: Container[bytes] = ()

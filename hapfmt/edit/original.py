@@ -218,7 +218,7 @@ def common_period(rates: Sequence[Fraction]) -> Fraction:
 
 
 def ticks_of(seconds: Fraction, rate: Fraction) -> int:
-    """Exactly; ParameterError where it is no whole number."""
+    """Exactly; ParameterError unless the result is a whole number."""
     ticks = seconds * rate
     if ticks.denominator != 1:
         raise ParameterError(f"{seconds} s is not a whole number of ticks at {rate} Hz")

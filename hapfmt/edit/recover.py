@@ -1,10 +1,10 @@
 """``recover``: damaged file -> intact file (docs/spec/recovery.md).
 
-Which tracks a recovered file describes: those that hold, and places for what is lost.
+A recovered file describes the tracks whose descriptions are intact, with placeholders for lost
+ones. It keeps the other chunks that are intact and still have a meaning.
 
-What a file holds beside descriptions and packets: which of it a recovered file keeps.
-
-A damaged file repaired in place: its end, or all of it; then the damaged file is kept too.
+A damaged file can be repaired in place: only its end, or all of it. In the second case the damaged
+file is kept too.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def rejoined(kept: dict[int, Track]) -> dict[int, Track]:
 
 
 def copied(catalogue: Catalogue, kept: dict[int, Track]) -> Iterator[Record]:
-    """The tracks as they stand, byte for byte, but for those that continue another one now."""
+    """The tracks unchanged, byte for byte, except those that now continue another one."""
     by_chunk: dict[int, list[Track]] = {}
     for track in kept.values():
         by_chunk.setdefault(track.offset, []).append(track)
@@ -184,7 +184,7 @@ CLOCKS: dict[str, Callable[[bytes, int | None, int], object]] = {
 
 @dataclass
 class Extras:
-    """Copies chunks other than those that are written anew; names the unknown ones."""
+    """Copies chunks that the writer does not write itself; names the unknown ones."""
 
     catalogue: Catalogue
     writer: FileWriter
@@ -194,7 +194,7 @@ class Extras:
     dropped: list[str] = field(default_factory=list)
 
     def copy(self, ref: ChunkRef) -> None:
-        """One chunk as it stands, where it holds and still has a meaning."""
+        """One chunk unchanged, where it is intact and still has a meaning."""
         if ref.known and ref.type in WRITTEN_ANEW:
             return
         chunk = read_chunk(self.catalogue.source, ref.offset)
@@ -255,7 +255,7 @@ OF_CHUNKS = frozenset({"bad-chunk", "bad-payload", "truncated", "duplicate-chunk
 
 @dataclass
 class Recovery:
-    """What ``recover`` kept and what was lost."""
+    """The data that ``recover`` kept, and the data that it lost."""
 
     exit_code: int = 0
     findings: list[Finding] = field(default_factory=list)
@@ -306,7 +306,7 @@ def recover(
 ) -> Recovery:
     """Write all that can be read of ``file`` into a new file that is intact.
 
-    Packets are copied bit for bit, those that do not decode are left out; what is missing stays a
+    Packets are copied bit for bit. Packets that do not decode are left out; missing samples stay a
     gap. ``canonical`` is the file id, otherwise it is random. ``file_id``: of a file with parts of
     others, which one is read; None: the one that most of it belongs to. An existing path is refused
     unless ``force``. ``progress`` is called with (clusters done, clusters in all).
@@ -490,7 +490,7 @@ class Copy:
         return True
 
     def copy_digests(self) -> None:
-        """Those that what was recovered still has: of tracks that lost nothing."""
+        """Copies the checksums that still hold: those of tracks that lost nothing."""
         catalogue = self.catalogue
         touched = {span.track for span in self.done.lost}
         kept: dict[int, bytes] = {}
@@ -510,7 +510,7 @@ class Copy:
         self.done.digests = len(kept)
 
     def costs(self, finding: Finding) -> bool:
-        """Whether it may have taken something that is not written anew."""
+        """Whether the finding may have lost something that the writer does not write again."""
         if finding.code in HARMLESS or finding.code in ("bad-signature", "other-file"):
             return False
         if finding.code in ("missing-chunk", "missing-head"):
@@ -518,7 +518,7 @@ class Copy:
         if finding.code == "bad-payload" and finding.offset in self.unharmed:
             return False
         if finding.offset + finding.size <= len(SIGNATURE):
-            # What is left of the signature, which is written anew.
+            # The rest of the signature, which the writer writes again.
             return False
         # Packets without bytes have the offset of whatever follows them.
         type_ = self.types.get(finding.offset) if finding.code in OF_CHUNKS else None
@@ -560,8 +560,8 @@ def recover_in_place(
 ) -> Recovery:
     """Make the file at ``path`` intact, with all that can still be read of it.
 
-    Where only its end is damaged, or it was not closed, that is mended in the file itself. Else it
-    is written anew and takes the name, and the damaged one is kept under the same name with
+    Where only its end is damaged, or it was not closed, the file itself is repaired. Else a new
+    file is written and takes the name. The damaged one is kept under the same name with
     ``.damaged`` behind it. An intact file is left alone. The file is locked meanwhile.
 
     Raises ParameterError where another program writes the file, or NAME.damaged exists.

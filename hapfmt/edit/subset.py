@@ -1,6 +1,6 @@
-"""Some channels, a stretch of time, one band of a file; packets are copied bit for bit.
+"""Takes some channels, a time range or one band of a file; packets are copied bit for bit.
 
-One file -> parts, one after the other; each packet lies in the part in which it begins.
+It also splits one file into consecutive parts; each packet lies in the part in which it begins.
 """
 
 from __future__ import annotations
@@ -60,16 +60,16 @@ def subset(
 ) -> Edited:
     """Write the channels, seconds [start, stop) and band that are asked for into ``out``.
 
-    Nothing is decoded: packets that overlap the seconds are kept whole, so that a little more may
-    come along, as do all channels that are coded in one track with one that is asked for. Channels
-    are numbered from 0 on. Ticks, epoch and UUID stay as they are, since the samples keep their
-    time; ``to_zero`` moves the first packet to tick 0, as nearly as a whole number of ticks of
-    every track allows, and the epoch with it. ``band``: "lf" makes a channel of each slow part
-    (where some channels were split, the others are kept whole, with a note), "hf" of each residual.
-    ``level`` 2 raises the limits of the file.
+    Nothing is decoded. Packets that overlap the seconds are kept whole, so the result may hold a
+    little more. All channels that share a track with a requested one come along too. Channels are
+    numbered from 0 on. Ticks, epoch and UUID stay as they are, since the samples keep their time.
+    ``to_zero`` moves the first packet to tick 0, and the epoch with it. The move is a whole number
+    of ticks of every track, so the packet may begin near tick 0 instead. ``band``: "lf" makes a
+    channel of each slow part (where some channels were split, the others are kept whole, with a
+    note), "hf" of each residual. ``level`` 2 raises the limits of the file.
 
     Raises ChecksumError or TruncatedError, with exit code 3, where the file is damaged or was not
-    closed, and ParameterError where no channel would be left or ``start`` is behind the end.
+    closed. Raises ParameterError where no channel would be left or ``start`` is behind the end.
     """
     check_file_id(canonical)
     refuse_output(out, force)

@@ -1,7 +1,7 @@
 """Channels that keep a bound on every sample, by construction; lossless is the bound 0.
 
-Grids, and knots inside the tube, leave no sample outside. Which of them a track gets is a matter of
-size alone.
+A uniform grid keeps the bound, and so do knots inside the tube. The encoder takes the smaller of
+the two for each track.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from .tubed import Way, code_held, code_held_levels, code_lines, vector_ways
 from .unit import STEP_LIMIT, Bound, Unit, bound_of
 
 HOPE = 0.5
-"""Packets of LPCR take 0.46 to 1.5 times the bits of their quick estimate, and those that won 0.72
-and more (measured; from 0 to 0.7 no recording changed by a byte)."""
+"""Skip coding when this share of the quick estimate already exceeds the best size. LPCR packets
+take 0.46 to 1.5 times the bits of their quick estimate. Packets that won never fell below 0.72
+(measured; from 0 to 0.7 no recording changed by a byte)."""
 
 
 KNOT_WAYS = 3
@@ -118,7 +119,7 @@ def code_grid(
     """None where it is sure not to be below ``smallest``."""
 
     def pieces() -> Iterator[tuple[Span, Indices]]:
-        # Put on the grid anew each time: kept, they would be a second recording in memory.
+        # Quantised again each time: a stored result would be a second recording in memory.
         for span, rows in source.pieces(source.counts):
             yield span, to_indices(rows[:, 0], grid)
 

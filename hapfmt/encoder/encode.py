@@ -1,7 +1,8 @@
 """Recording -> tracks and packets.
 
-plan: a promise for each channel. grid: doubles to counts. group: channels that share a track.
-choose: the smallest way to keep the promise, lossless among them. Each decision is reported.
+The steps are: plan, a promise for each channel; grid, floating point values to counts; group,
+channels that share a track; choose, the smallest way to keep the promise. Lossless is always one of
+the ways. The encoder reports each decision.
 """
 
 from __future__ import annotations
@@ -63,18 +64,18 @@ WORDS = {
 
 
 JOINED_TICKS = 1 << 19
-"""Of a constant packet with one component, at most: eight of them fill a cluster of level 1."""
+"""Most ticks of a constant packet with one component: eight of them fill a cluster of level 1."""
 
 
 ROW, CONTRACT, DEVIATION, DESCRIPTION, METADATA = 12, 20, 24, 80, 96
-"""Bytes that a packet, a contract, the deviation of a grid, and a track of its own take in a file
-beside the packets; a lossy form that saves less is not worth the loss."""
+"""Bytes in a file, besides the packets: a packet's row, an error bound, the deviation of a grid, a
+track of its own. A lossy form that saves less is not worth the loss."""
 
 SMALLER = "smaller than a lossy form"
 
 SMALL = 1 << 16
-"""Samples of a recording whose lossless form is always tried beside a lossy one; of longer ones
-where it may win."""
+"""In recordings of up to this many samples the encoder always tries the lossless form too. In
+longer ones it tries it where it may win."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ class PlacedUnit:
 
 @dataclass(frozen=True)
 class EncodeJob:
-    """What was asked, and the channels as they were recorded."""
+    """The settings, and the channels as they were recorded."""
 
     settings: Settings
     originals: list[Channel]
@@ -372,7 +373,7 @@ def with_lossless(
 
 
 def in_place(part: PlacedUnit, asked: list[Promise]) -> PlacedUnit:
-    """A lossless part with the reason why it takes the place of what was asked for."""
+    """A lossless part, with the reason why it replaces the requested form."""
     members = [
         replace(each, promise=promise if promise.lossless else Promise(why=SMALLER))
         for each, promise in zip(part.members, asked[part.first : part.stop], strict=True)
@@ -501,7 +502,7 @@ def encode_source(
 
         rounded = original.stored.dtype == "f8" and channel.deviation is None and sparse(counts)
         if rounded:
-            # What a text rounded may lie on a much coarser lattice.
+            # Values that a text format rounded may lie on a much coarser grid.
             assert channel.calibration is not None
             exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")
             return encode_doubles(

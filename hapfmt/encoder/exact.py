@@ -1,9 +1,10 @@
-"""True doubles and near-lattices to counts with exact values beside them (LPCX, SPEC 9.7).
+"""Floating point channels without a common step, stored bit for bit (SPEC 9.7).
 
-Two kinds of counts are tried: those of a natural lattice that the values miss by little, with the
-rule that misses it least; and a binary grid as fine as level 1 allows. What is smaller is kept.
+LPCX stores counts on a grid, with corrections that give the exact values. Two kinds of grid are
+tried: a natural grid with small deviations, with the rule that leaves the shortest corrections; and
+a binary grid as fine as level 1 allows. The encoder keeps the smaller.
 
-Channels that are on no lattice: one RAWB track of words.
+Channels that fit no grid become one RAWB track of words.
 """
 
 from __future__ import annotations
@@ -45,21 +46,21 @@ from .source import declared_range, make_track
 from .unit import Unit
 
 GRID_BITS = LEVELS[1].count_bits - 1
-"""Bits of the range of a binary grid: what a finer one predicts better it pays in longer counts
-(0.1 b/s at most on the recordings, either way)."""
+"""Bits of the range of a binary grid. A finer grid predicts better but needs longer counts (0.1 b/s
+at most on the recordings, either way)."""
 
 TEXTS = 4096
-"""Distinct values whose decimals are looked at."""
+"""Most distinct values whose decimals are examined."""
 
 CHEAP = 4
-"""Bits a sample: a lattice SPARSE times finer than the natural one costs as much at least."""
+"""Bits a sample: a grid SPARSE times finer than the natural one costs at least as much."""
 
 TRIALS = 512
 """Distinct counts that the rules are tried on."""
 
 FITTED, SLOPES = 12, 3
-"""Distinct values that a polynomial is fitted to, at least; and slopes on either side of the fitted
-one that are tried: its error is that of the samples, which are rounded."""
+"""Fewest distinct values that a polynomial is fitted to; and how many slopes are tried on either
+side of the fitted one. The fitted slope has the error of the samples, which are rounded."""
 
 
 @dataclass(frozen=True)
@@ -93,10 +94,13 @@ def encode_doubles(
     grid: bool = True,
     least: Callable[[], float] = lambda: 0,
 ) -> Unit:
-    """The smallest way to keep a channel of doubles bit for bit: as counts and exact values, or
-    ``otherwise``, which is not asked where a natural lattice misses next to nothing, nor where the
-    bytes that it takes at ``least`` are more. ``exact``: the lattice that the doubles do not miss,
-    if there is one. ``grid``: whether a binary grid will do."""
+    """The smallest way to keep a floating point channel bit for bit: counts and exact values, or
+    ``otherwise``.
+
+    ``otherwise`` is not called where a natural grid leaves almost no corrections. Nor is it called
+    where its size, at ``least`` that many bytes, is larger. ``exact``: the grid that holds the
+    values exactly, if one exists. ``grid``: whether to try a binary grid.
+    """
     x = np.ascontiguousarray(channel.stored, np.float64)
     if not x.size or not np.isfinite(x).all():
         return otherwise()
@@ -158,13 +162,13 @@ def coded_as(
 
 
 def natural_candidate(x: Doubles, exact: Lattice | None) -> Candidate | None:
-    """The natural lattice and the rule whose corrections are the shortest, by distinct values."""
+    """The natural grid and the rule with the shortest corrections, by distinct values."""
     z = x
     if (np.signbit(x) & (x == 0)).any():
         z = x + 0.0
         exact = find_lattice(z)
         if exact is not None:
-            # Nothing but -0.0 is beside the lattice.
+            # Only -0.0 is off the grid.
             return Candidate(exact.calibration, exact.counts, ExactParameters(), exact.reason)
     u = np.unique(z)
     rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *printed_rule(u)]
@@ -293,11 +297,11 @@ def smallest_exact(lacking: Lacking) -> bytes:
 WORDS_REASON = "bit for bit: no common step"
 
 PROBES, PROBED = 4, 2048
-"""Packets, and samples in the middle of each, that tell how large words become: DEFLATE takes 70 %
+"""Packets, and samples in the middle of each, that estimate the size of words. DEFLATE takes 70 %
 of the time of a channel whose values repeat."""
 
 LARGER = 1.25
-"""How much larger a probe is than the whole at most (1.12 measured)."""
+"""Largest ratio of a probe's size to that of the whole (1.12 measured)."""
 
 
 def encode_words(

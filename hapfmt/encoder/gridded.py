@@ -1,6 +1,6 @@
-"""Floating point channels to counts, as their promise allows: which grid, and what it costs.
+"""Floating point channels to counts, as their promise allows: which grid, and its cost in bits.
 
-Which grid (SPEC 9.5) keeps a bound, and the index that stands for a count.
+It chooses the grid (SPEC 9.5) that keeps a bound, and the index for each count.
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
-"""Which samples of the slow part become knots: the perceptual deadband, tick by tick.
+"""Knots of the slow part: the perceptual deadband, tick by tick, and the packets of knots.
 
-The first sample is a knot; then every sample that leaves the deadband around the last knot (P.
-Hinterseer et al., "Perception-based data reduction and transmission of haptic data in telepresence
-and teleaction systems", IEEE Transactions on Signal Processing 56, 2008; offline and joined by
-lines in Brandi et al., see perception.py). Joined by lines such knots leave the deadband in 4-17 %
-of the samples; held, and with reference "sample", in none.
+The first sample is a knot. Then each sample that leaves the deadband around the last knot is one
+(P. Hinterseer et al., "Perception-based data reduction and transmission of haptic data in
+telepresence and teleaction systems", IEEE Transactions on Signal Processing 56, 2008; offline and
+joined by lines in Brandi et al., see settings.py). Knots joined by lines leave the deadband in 4-17
+% of the samples. Held knots, and knots with reference "sample", leave it in none.
 
-A track in the making, and its packets of knots: varints, or coded where that is smaller.
+The file also builds the track and its packets of knots: varints, or entropy coded where that is
+smaller.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ from ..recording import Span
 Reference = Literal["last", "sample"]
 
 _DENSE = 128
-"""Counts a knot (ticks times components): below it a Python loop finds the next knot faster than a
+"""Counts a knot (ticks times components). Below it a Python loop finds the next knot faster than a
 NumPy block (measured: 0.1 us a count in the loop, 12 us for a block)."""
 
 _CHUNK = 4096
 """Samples between two decisions for the loop or for the blocks."""
 
 _BLOCK_LIMIT = 1 << 16
-"""Blocks grow to this size where knots are rare: what is computed in vain stays small."""
+"""Blocks grow to this size where knots are rare, so that little is computed in vain."""
 
 
 def select_knots_plain(

@@ -1,10 +1,11 @@
-"""Sample values to counts: the step and offset that a sensor's doubles were made with.
+"""Sample values to counts: finds the step and offset of a quantisation grid.
 
-Most sensors are integers in disguise. What is found here is checked against
-``Calibration.physical`` sample by sample: bit by bit where it is called exact, and otherwise
-against the tolerance that the caller declares.
+Most sensors deliver integers, scaled to float64. Each grid found is checked against
+``Calibration.physical`` sample by sample. A grid called exact must match bit for bit, any other
+within the tolerance that the caller gives.
 
-Lattices that values miss by little: how far, and which is the first near enough.
+A natural grid fits the values only up to small deviations. The file measures these deviations and
+returns the first grid that is near enough.
 """
 
 from __future__ import annotations
@@ -86,23 +87,24 @@ def largest_deviation(u: NDArray[np.float64], given: NDArray[np.float64]) -> flo
 __all__ = ["Lattice", "Tolerance", "find_lattice", "snap_to_lattice", "to_counts"]
 
 COUNT_BITS = 32
-"""Level 2; counts go to 24 bits, level 1, wherever an offset can bring them there."""
+"""Level 2. Counts use 24 bits, level 1, where an offset can bring them there."""
 
 PLAIN_DENOMINATOR = 10**10
-"""Up to here no common step is looked for. Two doubles that have nothing to do with a lattice
-share a denominator only from about 2**36 on."""
+"""If a denominator up to this one fits, no common step is searched. Two values without a common
+grid share a denominator only from about 2**36 on."""
 
 SPARSE = 16
-"""An exact lattice with this many times the range of a natural one comes from how the values were
-written down (six digits of text). That is 4 bits a sample and more in a lossless codec: 17 measured
-on dropbear."""
+"""An exact grid with this many times the range of a natural one comes from the text format of the
+values (six digits). It costs 4 bits a sample and more in a lossless codec: 17 measured on
+dropbear."""
 
 GRID_STEPS = 3
-"""1-2-5 steps to try from the largest on. Only the rounding of float64 makes one fail, and if a
-quarter of the step does not help, the tolerance is below an ulp of the values."""
+"""How many 1-2-5 steps to try, from the largest on. Only the rounding of float64 makes one fail. If
+a quarter of the step fails too, the tolerance is below an ulp of the values."""
 
 SHARES = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
-"""Of the noise, which is rounded up to a power of two: one of them leaves the simplest step."""
+"""Shares of the noise, which is rounded up to a power of two. One of them gives the simplest
+step."""
 
 _ONE_DIGIT_UP = Context(prec=1, rounding=ROUND_CEILING)
 _FOUR_DIGITS_DOWN = Context(prec=4, rounding=ROUND_FLOOR)
@@ -125,10 +127,10 @@ class Lattice:
 
 
 def find_lattice(x: NDArray[np.float64], *, count_bits: int = COUNT_BITS) -> Lattice | None:
-    """The lattice that gives x back bit for bit, or None.
+    """The grid that gives x back bit for bit, or None.
 
     x: float64 [sample_count], any values. Counts fit ``count_bits`` signed, 2 to 32 (ParameterError
-    otherwise). -0.0, infinities and NaN have no lattice.
+    otherwise). -0.0, infinities and NaN are on no grid.
     """
     found = _find(_doubles(x), _checked(count_bits))
     return found if isinstance(found, Lattice) else None
@@ -141,13 +143,12 @@ def snap_to_lattice(
     lsb: float | None = None,
     count_bits: int = COUNT_BITS,
 ) -> Lattice | None:
-    """A lattice with every value of x within the tolerance, or None.
+    """A grid with every value of x within the tolerance, or None.
 
-    In this order: the exact lattice; the natural one, which the values miss by some rounding or
-    noise; steps of ``lsb``; the coarsest 1-2-5 grid. An exact lattice gives way to a natural one
-    that is SPARSE times coarser. x and count_bits: as in :func:`find_lattice`. lsb: the sensor's
-    step in the unit of x, where the caller knows it; without it a tolerance in lsb needs a natural
-    lattice.
+    In this order: the exact grid; the natural one, which has deviations from rounding or noise;
+    steps of ``lsb``; the coarsest 1-2-5 grid. A natural grid replaces an exact one if it is SPARSE
+    times coarser. x and count_bits: as in :func:`find_lattice`. lsb: the sensor's step in the unit
+    of x, where the caller knows it. Without it a tolerance in lsb needs a natural grid.
     """
     found = _snap(_doubles(x), tolerance, lsb, _checked(count_bits))
     return None if isinstance(found, str) else found[0]
@@ -211,10 +212,10 @@ def on_uniform_grid(channel: Channel, error: float) -> tuple[Channel, str] | Non
 
 
 def natural_lattices(u: NDArray[np.float64], exact: Lattice | None) -> Iterator[Near]:
-    """Lattices that all of u misses by little, the simplest first; none where there is no such one.
+    """Grids with small deviations from all of u, the simplest first; none where there are none.
 
-    u: sorted distinct values, without -0.0. exact: the lattice that they do not miss, which a
-    natural one must be SPARSE times coarser than.
+    u: sorted distinct values, without -0.0. exact: the grid without deviations. A natural grid must
+    be SPARSE times coarser than it.
     """
     if u.size == 0 or _out_of_reach(u):
         return
@@ -229,7 +230,7 @@ def natural_lattices(u: NDArray[np.float64], exact: Lattice | None) -> Iterator[
 
 
 def sparse(counts: NDArray[np.int64]) -> bool:
-    """Whether counts [samples] are spread so thinly that a coarser lattice may lie under theirs."""
+    """Whether counts [samples] are spread so thinly that a coarser grid may hold them."""
     if not counts.size:
         return False
     # In Python: the range of 32-bit counts takes 33.
@@ -237,7 +238,7 @@ def sparse(counts: NDArray[np.int64]) -> bool:
 
 
 def _find(x: NDArray[np.float64], bits: int) -> Lattice | str:
-    """The exact lattice, or why there is none."""
+    """The exact grid, or why there is none."""
     refusal = _out_of_reach(x)
     if refusal:
         return refusal
@@ -260,7 +261,7 @@ def _find(x: NDArray[np.float64], bits: int) -> Lattice | str:
 
 
 def _simplest(u: NDArray[np.float64], bits: int) -> Placed | None:
-    """The exact lattice with the smallest denominator; u as in :mod:`rational`."""
+    """The exact grid with the smallest denominator; u as in :mod:`rational`."""
     if u.size == 1:
         return place(constant(u), bits)
     best: Placed | None = None
@@ -282,7 +283,7 @@ def _simplest(u: NDArray[np.float64], bits: int) -> Placed | None:
 def _snap(
     x: NDArray[np.float64], tolerance: Tolerance, lsb: float | None, bits: int, unit: str = ""
 ) -> tuple[Lattice, float] | str:
-    """The lattice within the tolerance and the tolerance in the unit of x, or why there is none."""
+    """The grid within the tolerance and the tolerance in the unit of x, or why there is none."""
     refusal = _out_of_reach(x)
     if refusal:
         return refusal
@@ -386,10 +387,10 @@ def _lattice(
 
 
 def _steps_beside(u: NDArray[np.float64], exact: Lattice | str, bits: int) -> Steps | None:
-    """The natural step: any where no lattice is exact, else one that is SPARSE times coarser.
+    """The natural step: any step where no grid is exact, else one that is SPARSE times coarser.
 
-    Beside an exact lattice every value has a count of its own: text rounds the same count to the
-    same digits, and what does not comes from the signal.
+    With an exact grid each value needs a count of its own on the natural grid. A text format rounds
+    equal counts to equal digits, so values that share a count come from the signal.
     """
     least = float(u[-1] - u[0]) / (1 << bits)
     if isinstance(exact, str):
@@ -401,7 +402,7 @@ def _steps_beside(u: NDArray[np.float64], exact: Lattice | str, bits: int) -> St
 
 
 def _hint(x: NDArray[np.float64], exact: Lattice | str) -> str:
-    """What a tolerance would bring, where the values miss a natural lattice; or empty."""
+    """The gain from a tolerance, where the values deviate from a natural grid; or empty."""
     if x.size == 0 or _out_of_reach(x):
         return ""
     u = np.unique(x + 0.0)
@@ -422,7 +423,7 @@ def _least_step(u: NDArray[np.float64], bits: int) -> float:
 
 
 def _out_of_reach(x: NDArray[np.float64]) -> str:
-    """Why x can be on no lattice, not even nearly; or empty."""
+    """Why x cannot be on any grid, not even nearly; or empty."""
     if not np.isfinite(x).all():
         return "infinities or NaN among the values"
     if x.size and max(-x.min(), x.max()) > EXACT_LIMIT:

@@ -1,13 +1,11 @@
-"""How long the packets of LPCR are: cut in halves where predictors of their own save more than they
-cost.
+"""Packet lengths of LPCR: long packets for size, shorter ones against damage.
 
-Sums of products of each piece of a packet tell how well any predictor does there, so that each
-sample is looked at once.
+A packet is cut in halves where separate predictors save more than they cost. Sums of products of
+each piece tell how well any predictor does there, so that each sample is read once.
 
-Shorter packets in small files, so that one damaged byte takes few samples.
-
-A packet that is cut in two keeps its predictors; each part pays for them and for a row of its own.
-The packets whose damage would take most are cut first, until they would cost too much.
+Small files get shorter packets, so that one damaged byte takes few samples. These parts keep the
+predictors of the packet that was cut. Each part pays for them and for a row of its own. The packets
+whose damage would take most samples are cut first, until the cost is too high.
 """
 
 from __future__ import annotations
@@ -161,7 +159,8 @@ class PieceSums:
 
 
 SMALL = 1 << 20
-"""Bytes of packets in a file that is worth it: of larger ones a packet is a small part anyway."""
+"""Most bytes of packets in a file that is worth it: in larger files a packet is a small part
+anyway."""
 
 SHARE, PRICE = 50, 100
 """A packet should hold at most a 50th of all samples, if that costs at most a 100th of the size."""

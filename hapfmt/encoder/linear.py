@@ -1,8 +1,8 @@
-"""Channels of doubles that are linear in others, sample by sample: equal ones, scaled ones and what
-a logger filtered (LPCX, rule 4 of SPEC 9.7).
+"""Floating point channels that are linear in others, sample by sample (LPCX, rule 4 of SPEC 9.7).
 
-Loggers often store a signal and its filtered form. The second takes 53 new bits a sample, which no
-predictor of integers finds, and hardly any where its filter is known.
+Such channels are equal to another one, scaled, or filtered by a logger. Loggers often store a
+signal and its filtered form. The second takes 53 new bits a sample, which no predictor of integers
+finds. It takes almost none where its filter is known.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ HOPED = 8
 """Bits a sample that a relation has to save."""
 
 LOOKED_AT, SETTLING = 400, 4
-"""Samples that relations are looked for in, and those at their start that have lags before."""
+"""Samples in which relations are searched, and those at their start that serve as lags."""
 
 PROBED = 40
 """Samples that rule most channels out as sources."""
@@ -59,13 +59,13 @@ FORMS = ((0, 0), (1, 0), (1, 1), (2, 2))
 """Lags of the channel itself and of the other one, the fewest first."""
 
 GRID_BITS = 12
-"""Bits of the range of the counts of a linear channel, which serve those who want no more: as many
-as of many converters. Its exact values do not come from them."""
+"""Bits of the range of the counts of a linear channel, as many as many converters have. They serve
+readers that do not need exact values. The exact values do not depend on them."""
 
 REFINED, ROUNDS = 2048, 3
 
 DEPENDENT = 1e-14
-"""A row of which those before leave this share or less is a sum of them."""
+"""A row is a sum of the rows before it if they leave this share of it or less."""
 
 
 class Relation(NamedTuple):

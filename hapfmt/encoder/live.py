@@ -1,21 +1,17 @@
 """Blocks of samples, as they arrive, to packets of tracks that never change (SPEC clause 15).
 
-Each block is coded as :mod:`encode` codes one packet of one channel. A track is made from the first
-block of its channel, and described before its first packet. Where a later block does not fit it, a
-track that continues it takes over. A block is at most as long as one cluster, so that a crash loses
-no more.
+Each block is coded as :mod:`encode` codes one packet of one channel. The first block of a channel
+makes its track, which is described before its first packet. Where a later block does not fit, a new
+track continues the old one. A block is at most as long as one cluster, so that a crash loses no
+more.
 
-What a recorder is told of a channel before its first sample.
+The file also holds what the caller declares about a channel before its first sample, and what the
+preset makes of it. The whole recording is not available. So no bound is relative to a range, and
+only the grid of floating point values comes from the samples.
 
-What is known of a channel before its first sample, and what the preset makes of it.
-
-The whole recording is not at hand: nothing here is relative to a range, and nothing is found in the
-samples but the grid of doubles (live_exact.py).
-
-Channels of doubles, block by block and bit for bit: counts and corrections, or words.
-
-A lattice is looked for in the first block, and stays. What leaves it takes longer corrections, and
-any binary64 number has one, since places are counted modulo 2^64 (SPEC 9.7).
+Floating point channels are stored block by block and bit for bit: as counts and corrections, or as
+words. The grid is searched in the first block and then kept. Values off the grid take longer
+corrections. Any binary64 number has one, since places are counted modulo 2^64 (SPEC 9.7).
 """
 
 from __future__ import annotations
@@ -106,7 +102,7 @@ NEEDS_WHOLE = (
 )
 
 ROUNDING = Fraction(1, 1 << 17)
-"""A value's count is found in binary64: 32-bit counts may be off their middle by that part."""
+"""A value's count is computed in binary64: 32-bit counts may be off their middle by that part."""
 
 ONE_COUNT = Tolerance(1, "lsb")
 
@@ -328,20 +324,22 @@ LEVEL_BITS = LEVELS[1].count_bits
 LOW, HIGH = -(1 << (LEVEL_BITS - 1)), (1 << (LEVEL_BITS - 1)) - 1
 
 HEADROOM, AT_REST = 32, Fraction(2)
-"""How many times the range of the first block the counts hold; and the range of nothing but 0."""
+"""How many times the range of the first block the counts hold; and the range of a block of
+zeros."""
 
 POWERS, MIDDLE = range(15, -10, -1), 1 << 51
 """Decimals of a step, and the numerator of the middle count: what calibrations hold (VAL-001)."""
 
 SEEN = 16
-"""So many distinct values tell a lattice; fewer only one of plain decimals or binary fractions."""
+"""This many distinct values show a grid; fewer show only one of plain decimals or binary
+fractions."""
 
 PLAIN = 10**7
 """A denominator of plain decimals, at most."""
 
 FAR = 1 << 53
 UNCODED = np.iinfo(np.int64).min
-"""The one correction that there is no code for."""
+"""The one correction without a code."""
 
 NUMBERS: dict[str, np.dtype[Any]] = {
     "binary32": np.dtype(np.float32),
@@ -359,7 +357,7 @@ class LiveLattice:
     high: int = HIGH
 
     def nearest(self, x: Doubles) -> Counts:
-        """Counts of any size; 0 of what is no number."""
+        """Counts of any size; 0 for NaN and infinities."""
         c = self.calibration
         with np.errstate(all="ignore"):
             guess = np.rint((x * float(c.d) - float(c.b)) / float(c.a))
@@ -388,8 +386,8 @@ class LiveLattice:
 
 
 def lattices(x: Doubles) -> list[LiveLattice]:
-    """What may serve the channel that begins with x: a natural lattice where x tells one, and a
-    grid of decimals."""
+    """Grids for the channel that begins with x: a natural grid where x shows one, and a grid of
+    decimals."""
     finite = x[np.isfinite(x)]
     found = [decimal_grid(finite)]
     distinct = np.unique(finite).size

@@ -1,10 +1,10 @@
-"""What each channel keeps: a preset is a function from a channel to a promise, and nothing else.
+"""What each channel keeps: a preset is a function from a channel to a promise.
 
-Samples far beyond all others: a cable makes them, a hand does not.
-
-One sample of 1 kN in a texture of 30 mN would make a floor that is a share of the range a thousand
-times too wide, and draw the slow part by 50 N. They are coded like any other sample; only what the
-encoder takes from the signal as a whole, its range and its slow part, leaves them out.
+The range and the slow part leave out single samples far beyond all others. A cable makes such
+samples, a hand does not. One sample of 1 kN in a texture of 30 mN would make a threshold relative
+to the range a thousand times too wide. It would also draw the slow part by 50 N. Such samples are
+coded like any other. The encoder leaves them out only of what it takes from the signal as a whole:
+its range and its slow part.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ STATES = 4
 """A channel with at most four distinct values holds states (a button, a phase), no signal."""
 
 CLOCK_SAMPLES = 16
-"""Fewer samples that only rise say nothing about what follows."""
+"""Channels with fewer samples that only rise do not show whether they go on rising."""
 
 CLOCK_SHARE = 0.5
-"""A counter or clock moves on at least this share of its samples; a position that is only pushed
+"""A counter or clock advances on at least this share of its samples; a position that is only pushed
 forward rests in between."""
 
 CLOCK_LABEL = re.compile(
@@ -53,7 +53,7 @@ LOSSLESS = "lossless"
 class Promise:
     """What a channel keeps.
 
-    floor: every sample is within max(k * |x|, floor) of what was recorded; None: every bit is kept.
+    floor: every sample is within max(k * |x|, floor) of the recorded one; None: every bit is kept.
     snr: quality of the texture in dB; max(k * |x|, floor) then holds for the slow part. None: it
     holds for every sample. enough: kept_as where errors within the floor are allowed although snr
     asks for less; empty: they are not. paper: the method of the paper, which promises nothing.
@@ -256,10 +256,10 @@ def amount_text(amount: Tolerance) -> str:
 
 
 LEAST = 64
-"""Samples of a channel; of fewer none can be called rare."""
+"""Samples of a channel; with fewer, no sample can be called rare."""
 
 RARE = 1000
-"""One in so many, and no more: what comes more often is the signal."""
+"""At most one sample in this many is rare; more frequent values are the signal."""
 
 BLOCK = 1 << 18
 

@@ -1,13 +1,12 @@
-"""Which predictor a packet of LPCR gets: fixed polynomials and LPC, by description length.
+"""The predictor of each LPCR packet: a fixed polynomial or LPC, by description length.
 
 Reflection coefficients are quantised in the arcsine domain, where steps are finest near 1 (J. D.
-Markel, A. H. Gray, "Linear Prediction of Speech", Springer 1976). kernels/ has the loops too, which
-give the same numbers.
+Markel, A. H. Gray, "Linear Prediction of Speech", Springer 1976). kernels/ has the same loops in C,
+with the same numbers.
 
-Which predictor a packet gets, with as little work as tells it.
-
-A fixed polynomial, or LPC of the differences: the order by the energies that the recursion leaves,
-and of the two the one whose prediction errors are the smaller. kernels/ has the same in C.
+The quick way chooses with little work. It tries a fixed polynomial and LPC of the differences. The
+energies that the recursion leaves give the order of LPC. The one with the smaller prediction errors
+wins.
 """
 
 from __future__ import annotations
@@ -37,10 +36,10 @@ from ..kernels import compiled
 Indices = NDArray[np.int64]
 
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 20, 24, 28, 32)
-"""LPC orders that are weighed; between them the size hardly changes."""
+"""LPC orders that are tried; between them the size hardly changes."""
 
 TRIED = (3, 8, 20)
-"""Loud parts of a packet ask for more coefficients than the quiet rest repays: these orders are
+"""The loud parts of a packet need more coefficients than its quiet rest repays. So these orders are
 tried as well."""
 
 COEFFICIENT_COST = 8
@@ -337,11 +336,11 @@ def saving(a: int, b: int) -> float:
 
 
 QUICK_ORDERS, POLYNOMIALS = 12, 3
-"""LPC of order 12 and fixed polynomials of order 3 at most (32 and 4: 0.4 % smaller, measured, at
-twice the work)."""
+"""Highest orders: LPC 12 and fixed polynomials 3 (32 and 4: 0.4 % smaller, measured, at twice the
+work)."""
 
 COST = 24
-"""Bits that a coefficient is to save: it takes 8, and time (the mean size is the same)."""
+"""Bits that a coefficient must save: it takes 8, and time (the mean size is the same)."""
 
 QUICK_PIECE, HISTORY, QUICK_NOISE = 1024, 36, 1e-6
 """Samples whose autocorrelation is taken at a time, and those before them that it reaches into;
@@ -351,7 +350,7 @@ BLOCK, U_BITS = 32, 35
 """Errors whose mean is taken at a time; bits of the largest error and its sign."""
 
 QUICK_REPEAT_SHARE = 0.25
-"""Where more samples than that repeat the one before, they are marked (gloves: half the size)."""
+"""If more samples than this repeat the one before, repeats are marked (gloves: half the size)."""
 
 SEEN, SEEN_OF = 256, 4
 """One piece in four tells how large prediction errors are."""
@@ -367,7 +366,7 @@ def encode_quick(indices: Indices) -> bytes:
     try:
         return encode_predicted(plain, predictor)
     except ValueError:
-        # An error too large in what was not looked at.
+        # An error is too large in a part that the estimate skipped.
         return encode_predicted(plain, Predictor(0, (), first))
 
 
@@ -402,7 +401,7 @@ def choose_quick(indices: Indices) -> Predictor:
 
 @lru_cache(maxsize=32)
 def costs_of(size: int) -> NDArray[np.float64]:
-    """By what factor each order is to lower the energy of so many samples."""
+    """The factor by which each order must lower the energy of ``size`` samples."""
     return np.asarray(2.0 ** (np.arange(1, QUICK_ORDERS + 1) * (2 * COST / size)))
 
 

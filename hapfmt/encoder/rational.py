@@ -4,12 +4,12 @@ u is always float64 [values], sorted, distinct, finite, without -0.0, each 0 or 
 2**53 in magnitude. Numerators stay within 2**53. "Exactly" means that float64(numerator) /
 float64(denominator) is u bit for bit.
 
-The greatest common step of sorted positions that are known only within intervals.
-
-Euclid's algorithm on intervals: a step in [a, b] that has to divide a difference in [l, h] either
-goes into it a whole number of times, or the simplest fraction p/q in [l/b, h/a] divides the step by
-q. Every step found narrows the interval, so that longer differences can be counted. No difference
-needs to be the step itself: a sensor that visits few of its codes is found as well.
+The file also finds the greatest common step of sorted positions that are known only within
+intervals. It uses Euclid's algorithm on intervals: a step in [a, b] has to divide a difference in
+[l, h]. Either the step goes into it a whole number of times, or it is too coarse. Then the simplest
+fraction p/q in [l/b, h/a] divides the step by q. Each step found narrows the interval, so that
+longer differences can be counted. No difference needs to be the step itself: a sensor that visits
+few of its codes is found as well.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from ..numbers import rdiv
 from ..recording import Calibration
 
 SMALLEST_COUNT = 256
-"""Smallest differences that are looked at one by one. On the recordings the step is settled after
-a few; true doubles are given up after about three."""
+"""Smallest differences that are examined one by one. On the recordings a few settle the step.
+Values without a common step are given up after about three."""
 
 STEP_ROUNDS = 128
 """Bound on passes over all positions. Each one doubles the reach or at least halves the step, and
@@ -43,15 +43,15 @@ CLEARANCE = 16
 more, so that anything fits."""
 
 SHARED_CLEARANCE = 1000
-"""The same, where several values share a count: levels that a signal dwells on and jitters about
-look like a coarse lattice (ratios up to about 100), rounding does not (10**5 and more measured)."""
+"""The same, where several values share a count. Levels that a signal dwells on, with jitter, look
+like a coarse grid (ratios up to about 100). Rounding does not (10**5 and more measured)."""
 
 CHANCE_BITS = 24.0
-"""A lattice under noise must be this many bits away from chance: one wrong find in 16 million."""
+"""A grid under noise must be this many bits away from chance: one wrong find in 16 million."""
 
 ROUNDING_ULP = 4
-"""Half-width in ulp of the largest value, where the values are on an exact lattice: half for the
-value, and up to three for the differences and products taken of it here in float64."""
+"""Half-width in ulp of the largest value, where the values are on an exact grid. Half an ulp is for
+the value, up to three for the differences and products taken of it here in float64."""
 
 
 class Steps(NamedTuple):
@@ -144,10 +144,10 @@ def common_step(
 
 
 def near_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
-    """The step of values that miss their lattice by some noise, for the smallest noise that works.
+    """The step of values that are off their grid by some noise, for the smallest noise that works.
 
     u: float64 [values], sorted, distinct, finite, at most 2**53 in magnitude. floor: the smallest
-    step that is of interest. None where there is no lattice, or none that chance would not give.
+    step that is of interest. None where no grid exists, or only one that chance would give.
     """
     if u.size < 3:
         return None
@@ -178,7 +178,7 @@ def near_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
 
 
 def exact_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
-    """The step of values that may lie on a lattice but for the rounding to float64.
+    """The step of values that may lie on a grid, up to the rounding to float64.
 
     u: as in :func:`near_steps`, at least two.
     """
@@ -250,7 +250,8 @@ SMALL = 1 << 16
 """Denominators that are tried one by one, in a millisecond: those of sensors with up to 16 bits."""
 
 TRIES = 4
-"""What gives PROBES values is right for all, except where the values differ a lot in magnitude."""
+"""The step that gives PROBES values is right for all, unless the values differ a lot in
+magnitude."""
 
 WITNESSES = 128
 """Exact bounds added per round of the search for A/D: one round costs about a millisecond."""
@@ -340,10 +341,10 @@ def small_denominator(u: NDArray[np.float64]) -> Ratio | None:
 def stepped(u: NDArray[np.float64], least: float) -> Ratio | None:
     """Exactly, as multiples of a common step of at least ``least``, with any offset.
 
-    Found are steps above 64 ulp of the largest value. Where the offset is a whole number of steps,
-    or a simple fraction of one, the simplest A/D is taken, and if none is found, none is within
-    2**53. That happens to about a third of channels made as count * step (measured): products that
-    lie halfway between two float64 leave no step but the one used, with all its 53 bits. Other
+    It finds steps above 64 ulp of the largest value. Where the offset is a whole number of steps,
+    or a simple fraction of one, it takes the simplest A/D. If it finds none, none is within 2**53.
+    That happens to about a third of channels made as count * step (measured). There, products
+    halfway between two float64 values allow only the original step, with all its 53 bits. Other
     offsets are found if all values have about the same magnitude.
     """
     steps = exact_steps(u, least)
@@ -386,7 +387,7 @@ def fitted_all(
     centre = u.size // 2
     index = steps.indices - steps.indices[centre]
     times = index.astype(np.float64)
-    # From the centre the differences are exact, or small beside the noise.
+    # From the centre the differences are exact, or small against the noise.
     v = u - u[centre]
 
     def spread(step: float) -> float:
@@ -424,8 +425,8 @@ def on_grid(u: NDArray[np.float64], step: Fraction, how: str) -> Ratio | None:
 def place(ratio: Ratio, bits: int) -> Placed | None:
     """Numerators to counts of at most ``bits`` bits, signed and symmetrical; None where too many.
 
-    A is the largest step of all numerators, and B the smallest or else the roundest that brings the
-    counts to the bits of level 1; if there is none, to ``bits``.
+    A is the largest step of all numerators. B brings the counts to the bits of level 1: the
+    smallest B, or else the roundest. If there is none, B brings them to ``bits``.
     """
     n, d, how, lone_step = ratio
     first, last = int(n[0]), int(n[-1])

@@ -1,12 +1,12 @@
-"""Which channels are predicted from which, and the tracks of several components that they become.
+"""References: which channels predict which others, and the tracks of several components that
+result.
 
-Prediction errors that rise and fall together are looked for in a part of each channel; packets then
-have weights of their own.
+The search looks in a part of each channel for prediction errors that rise and fall together. Each
+packet then has weights of its own.
 
-How much of a channel's prediction errors those of other channels tell: least squares.
-
-Every sample is measured by the prediction errors around it, since bits are saved by the ratio of
-errors. Sums are of integers, exact in any order.
+Least squares give the share of a channel's prediction errors that other channels explain. Each
+sample is divided by the prediction errors around it, since the ratio of errors decides the bits
+saved. Sums are of integers, exact in any order.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ Indices = NDArray[np.int64]
 Moments = NDArray[np.float64]
 
 SETTLING = 33
-"""Samples at the start of a packet or piece whose prediction errors tell nothing."""
+"""Samples at the start of a packet or piece, whose prediction errors are not used."""
 
 LIKELY = 0.005
 """Squared correlation of two channels' prediction errors from which on a reference is tried."""
@@ -64,11 +64,11 @@ NORMAL_BITS, CLIPPED_BITS, BLOCK = 8, 16, 32
 32 bits, and no packet has 2**20 of them."""
 
 ENOUGH, PIECE = 4096, 256
-"""Of longer packets every so manieth piece is looked at."""
+"""In packets of more than ENOUGH samples, only every nth piece is used."""
 
 LOUD = 1 << 12
-"""Prediction errors of more than 16 times the mean count as that, so that a tap does not outweigh
-all the rest."""
+"""Prediction errors are limited to 16 times the mean, so that a tap does not outweigh all the
+rest."""
 
 MOST_TOLD = 0.999
 """Of a channel's energy by others."""
@@ -86,8 +86,8 @@ def quick_predictor(indices: Indices) -> Predictor:
 
 
 def likely_sources(errors: NDArray[np.float64]) -> tuple[list[list[int]], float]:
-    """For each channel the earlier ones whose errors go with its own, at one of the taps; and the
-    bits that this would save if no two of them told the same."""
+    """For each channel the earlier ones whose errors correlate with its own at one of the taps. The
+    second value is the bits that this saves if no two of them explain the same errors."""
     size = errors.shape[1]
     energies = np.einsum("it,it->i", errors, errors) + 1
     scores = np.zeros((len(errors),) * 2)
@@ -223,13 +223,13 @@ which on it is tried."""
 
 
 ROOM = 2
-"""References save at most so many times what the correlations of two and two promise (measured:
-0.1 to 1.9 times)."""
+"""References save at most this many times what pairwise correlations promise (measured: 0.1 to 1.9
+times)."""
 
 
 DIFFERENCES, ROUNDS = (0, 1), 2
-"""Weights and predictor are fitted in turn, of both differences once, of the better one so many
-times more: the second round takes 2 % off a glove, further ones 1 % each."""
+"""Weights and predictor are fitted in turn: once for both differences, then ROUNDS times more for
+the better one. The second round takes 2 % off a glove, further ones 1 % each."""
 
 
 def find_runs(
@@ -361,7 +361,7 @@ def encode_referring(
     first = refer(indices, predictor, earlier, links)
     ways = [first, *(refit(indices, first, d, earlier, links) for d in DIFFERENCES)]
     best, predictor = min(((packet_of(way), way) for way in ways), key=lambda each: len(each[0]))
-    # Higher differences have no coefficients beside them (LPC-004).
+    # Higher differences have no coefficients (LPC-004).
     for _ in range(ROUNDS if predictor.difference in DIFFERENCES else 0):
         found = refit(indices, predictor, predictor.difference, earlier, links)
         packet = packet_of(found)
@@ -394,8 +394,8 @@ def refit(
     earlier: Sequence[Indices],
     links: tuple[int, ...],
 ) -> Predictor:
-    """The predictor of what the references leave, and references anew: as errors of predictors are
-    linear, those of index and references are the errors of 64 * index - sum of w * index."""
+    """The predictor of what the references leave, and new references. Errors of predictors are
+    linear: those of index and references are the errors of 64 * index - sum of w * index."""
     left = 64 * (indices - indices[0])
     for a, weights in predictor.references:
         around = np.concatenate(([0], earlier[a] - earlier[a][0], [0]))

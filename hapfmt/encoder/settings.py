@@ -1,13 +1,12 @@
-"""What the caller asks of the encoder: a preset, and what departs from it.
+"""What the caller asks of the encoder: a preset, and the options that change it.
 
 Amounts as the caller gives them: 0.01, 10mN, 2lsb, 0.1%.
 
-What people can feel: the psychophysical constants behind the encoder's defaults.
-
-They are opinions of this encoder, never part of the format: a file states the deadband that it was
-written with, and a reader checks that one. Preset perceptual takes Weber's law for quantities whose
-zero is nothing felt; where a zero is a matter of the frame, the scale or the amplifier, a fraction
-of the value means nothing, and only the absolute floor stays.
+The psychophysical constants behind the encoder's defaults: what people can feel. They are choices
+of this encoder, never part of the format. A file states its own deadband, and a reader checks that
+one. Preset perceptual applies Weber's law to quantities whose zero means that nothing is felt.
+Other zeros depend on the frame, the scale or the amplifier. There a fraction of the value means
+nothing, and only the absolute threshold applies.
 """
 
 from __future__ import annotations
@@ -37,9 +36,9 @@ _AMOUNT = re.compile(rf"\+?{_NUMBER}\s*(\S.{{0,99}})?", re.IGNORECASE | re.DOTAL
 class Tolerance:
     """An amount, positive and finite: a largest error, a threshold, a step.
 
-    ``value`` is absolute, in ``unit`` (a UCUM code; "" for the channel's own), in steps of
-    the sensor ("lsb"), or a fraction (0.0001 for 0.01 %) of the channel's largest minus its
-    smallest value ("range"), single samples far beyond all others left out.
+    ``value`` is absolute, in ``unit`` (a UCUM code; "" for the channel's own); in steps of the
+    sensor ("lsb"); or a fraction of the channel's range ("range": 0.0001 for 0.01 %). The range is
+    the largest minus the smallest value, without single samples far beyond all others.
     """
 
     value: float
@@ -117,7 +116,7 @@ F. Brandi, R. Chaudhari, E. Steinbach, "Texture compensation for haptic feedback
 compression", VECIMS 2011, https://doi.org/10.1109/VECIMS.2011.6053837."""
 
 FORCE_FLOOR_N = Fraction(1, 100)
-"""Absolute floor of the force deadband in newtons: below the absolute threshold, which is tens of
+"""Absolute threshold of the force deadband in newtons: below what people feel, which is tens of
 millinewtons. Measured on a force that decays to zero: 25 knots instead of 4667."""
 
 LF_CUTOFF_HZ = 20.0
@@ -127,8 +126,8 @@ The rate of an encoded texture is flat within 5 % for cutoffs of 10-30 Hz (measu
 is not critical."""
 
 TEXTURE_DB = 20.0
-"""Quality of a texture: the power of what lies above the split frequency over that of the error.
-On recorded textures 20 dB take more bits than an ST-SIM of 0.95 does."""
+"""Quality of a texture: the power above the split frequency over the power of the error. On
+recorded textures 20 dB take more bits than an ST-SIM of 0.95 does."""
 
 VELOCITY_WEBER = Fraction(8, 100)
 """Just noticeable difference of limb movement, 8 %: L. A. Jones, I. W. Hunter, "Differential
@@ -143,8 +142,9 @@ WEBER_LIMITS: dict[str, Fraction | None] = {
     "acceleration": None,
     "velocity": VELOCITY_WEBER,
 }
-"""Quantities with a zero that is felt, and the largest Weber fraction each may be given (None: the
-caller's). Amplitudes of vibration are told apart from about 20 % on, above the 10 % of a force."""
+"""Quantities whose zero means that nothing is felt, and the largest Weber fraction for each (None:
+the caller's). People distinguish amplitudes of vibration from about 20 % on, above the 10 % of a
+force."""
 
 QUANTITY_OF_UNIT = {
     **dict.fromkeys(("N", "mN", "uN", "kN", "gf", "kgf", "[lbf_av]"), "force"),
@@ -190,14 +190,14 @@ that a slow channel may wait for them. Shorter clusters cost 1 to 3 % (da Vinci 
 20), and a glove at 100 Hz 4 % (32 s for 120)."""
 
 LEAST_TICKS = 256
-"""Of the fastest channel in a cluster. With one in each, as ten seconds give it, 1000 samples of
-1/3600 Hz took 49 kB; so they take 1.3 kB."""
+"""Samples of the fastest channel in a cluster. With one in each, as ten seconds give it, 1000
+samples of 1/3600 Hz took 49 kB; this way they take 1.3 kB."""
 
 LONG_FAST = 1 << 15
 """Samples of a packet of --fast: as long as one predictor does for."""
 
 RANGE_FLOOR = Tolerance(0.002, "range")
-"""0.2 % of the channel's own range: a floor for any quantity, not only for forces."""
+"""0.2 % of the channel's own range: an absolute threshold for any quantity, not only for forces."""
 
 RANGE_ERROR = Tolerance(0.001, "range")
 """The largest error of preset near-lossless, where none is given."""

@@ -1,6 +1,6 @@
-"""What the encoder works on: channels side by side, cut into packets, and their description.
+"""The encoder's input: channels in one block, cut into packets, and their description.
 
-Which channels are the axes of one vector, and one lattice for all of them.
+It also groups the channels that are axes of one vector, and puts them on one common grid.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from ..threads import check_stopped
 from .plan import without_glitches
 
 HELD, HELD_SHARE = 8, 0.001
-"""Samples at an end of the range, of all of them, that are no accident."""
+"""Fewest samples at the smallest or largest value, as a number and as a share of all samples, that
+make it an end of the range."""
 
 PACKET_SAMPLES = 1 << 16
 """Longer packets are cut: eight bytes each then still fit a payload of level 1."""
@@ -169,9 +170,9 @@ def group_units(
 ) -> Iterator[list[Channel]]:
     """The channels in their order, neighbours of one group together where they can be one vector.
 
-    Channels of one step are; others too where it is ``required``, on a lattice that all of them
-    share (an "lsb" is then a step of that one), or ParameterError says why they cannot.
-    ``originals`` are the channels before they were put on lattices; ``apart``: none are grouped.
+    Channels with one step can. Where it is ``required``, others go on a grid that all of them
+    share; an "lsb" is then a step of that grid. ParameterError says why they cannot. ``originals``
+    are the channels before they were put on grids; ``apart``: none are grouped.
     """
     at = 0
     while at < len(channels):
@@ -220,11 +221,11 @@ def why_apart(members: Sequence[Channel]) -> str | None:
 
 
 def share_lattice(members: Sequence[Channel], originals: Sequence[Channel]) -> list[Channel]:
-    """The same samples as counts of one step; ParameterError where that cannot be.
+    """The same samples as counts of one step; ParameterError where that is impossible.
 
-    With D the least common multiple of all denominators, and A what divides all steps then, every
-    count grows by a whole factor; physical values stay the same rational numbers. What was rounded
-    to its own lattice is rounded anew, to this one.
+    D is the least common multiple of all denominators, and A then divides all steps. Every count
+    grows by a whole factor; physical values stay the same rational numbers. Samples that were
+    rounded to their own grid are rounded again, to this one.
     """
     calibrations = [c.calibration for c in members if c.calibration is not None]
     d = lcm(*(c.d for c in calibrations))

@@ -1,10 +1,10 @@
-"""One recorded signal into its slow and its fast part: a zero-phase low-pass.
+"""Splits a recorded signal into its slow and its fast part: a zero-phase low-pass.
 
-What the split takes for slow is the encoder's opinion, never part of the format: the residual is
-formed against the LF part as decoded, so whatever happens here, nothing is lost.
+The split is the encoder's choice, never part of the format. The residual is formed against the LF
+part as decoded, so the split itself loses nothing.
 
-Filters. Bessel of order 4 by default: before a stiff contact (0 to 3.3 N within a sample, 1 kHz,
-20 Hz) its step response undershoots by 0.33 %, which the clamp takes away, and the slow part begins
+Filters. The default is Bessel of order 4. Its step response undershoots by 0.33 % before a stiff
+contact (0 to 3.3 N within a sample, 1 kHz, 20 Hz), which the clamp removes. The slow part begins
 (10 mN) 16 ms early. Butterworth of order 2, 4, 8 would undershoot by 3.4, 6.8, 8.3 %: a replay
 would push before the touch. Butterworth of order 1 never undershoots, begins 26 ms early, and
 separates less.
@@ -74,9 +74,9 @@ def low_pass(
         (1 kN in a signal of 1 N) does not draw the slow part with it.
 
     The edges are continued by reflection (even: x2 x1 | x0 x1 x2), endlessly where x is short.
-    Signals shorter than the padding, and cutoffs below SECTIONS_RATIO, are filtered with the same
-    response in the domain of the type-1 cosine transform: that is what forward-backward filtering
-    of an endless reflection amounts to, exact at any ratio, with no state to go unstable.
+    Signals shorter than the padding, and cutoffs below SECTIONS_RATIO, are filtered in the domain
+    of the type-1 cosine transform. The response is the same: that is forward-backward filtering of
+    an endless reflection. It is exact at any ratio, without a state that could go unstable.
     """
     if not (isfinite(rate_hz) and rate_hz > 0 and cutoff_hz > 0):
         raise ParameterError("a low-pass needs a positive rate and a positive cutoff")
@@ -139,10 +139,10 @@ def _by_cosines(y: NDArray[np.float64], ratio: float, filter: Filter) -> NDArray
 def slow_for_telling(
     x: NDArray[np.float64], rate_hz: float, cutoff_hz: float = LF_CUTOFF_HZ
 ) -> NDArray[np.float64]:
-    """The slow part of counts, [ticks, components], where it is only to be told of.
+    """The slow part of counts, [ticks, components], for reports only.
 
-    It is that of :func:`low_pass`, by the cosines of any length and from NumPy alone: importing
-    SciPy's filters takes 0.6 s and 74 MB, which is for those who split. Up to a cutoff of a fifth
+    It is that of :func:`low_pass`, by the cosines of any length and from NumPy alone. Importing
+    SciPy's filters takes 0.6 s and 74 MB, which only a real split needs. Up to a cutoff of a fifth
     of the rate both are within 1e-11 of the largest count; beyond, edges are less alike.
     """
     n, ratio = x.shape[0], float(cutoff_hz) / float(rate_hz)

@@ -1,10 +1,11 @@
 """Channels whose texture is kept to a stated quality, and whose slow part keeps the deadband.
 
-The quality is the variance of the recorded signal above the split frequency over the mean squared
-error of all that is decoded, in dB (:func:`hapfmt.lab.metrics.snr_hf_db`). Two ways are tried: the
-whole signal predicted on one uniform grid, and lines for the slow part with the rest predicted.
+The quality in dB is a ratio (:func:`hapfmt.lab.metrics.snr_hf_db`). It divides the variance of the
+recorded signal above the split frequency by the mean squared error of all that is decoded. Two ways
+are tried: the whole signal predicted on one uniform grid, and lines for the slow part with the rest
+predicted.
 
-Weber's fraction is a law of slow forces: a vibration far below it is felt. So only the absolute
+Weber's fraction is a law of slow forces: people feel a vibration far below it. So only the absolute
 threshold decides whether there is a texture, and whether an error needs to be smaller.
 """
 
@@ -103,7 +104,8 @@ class FeltChannel:
 
     @property
     def beyond_doubles(self) -> bool:
-        """Whether the quality asks for errors that float64 hardly resolves beside the values."""
+        """Whether the quality asks for errors that float64 hardly resolves at the size of the
+        values."""
         return self.mse <= (RESOLVED * float(np.abs(self.x).max(initial=0.0))) ** 2
 
     @property

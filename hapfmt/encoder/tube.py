@@ -1,29 +1,27 @@
 """The fewest knots whose decoded counts stay inside an integer tube, tick by tick.
 
-The tube is what a deadband leaves: ``lower = x - tolerance``, ``upper = x + tolerance``. A decoded
-count is a real line rounded to the nearest integer, halves up, so it lies in [lower, upper] where
-the line lies in [lower - 1/2, upper + 1/2). Everything is computed in half counts, in which these
-bounds are odd integers and a knot's value is even.
+A deadband defines the tube: ``lower = x - tolerance``, ``upper = x + tolerance``. A decoded count
+is a real line rounded to the nearest integer, halves up. So it lies in [lower, upper] where the
+line lies in [lower - 1/2, upper + 1/2). Everything is computed in half counts: these bounds are odd
+integers, and a knot's value is even.
 
-Lines. All lines of one link, which start anywhere in an interval of values, are swept along the
-tube until it leaves the last one behind, the *extreme* line (see sweep.py). Every path with as few
-links crosses it (S. Suri, "A linear time algorithm for minimum link paths inside a simple polygon",
-Computer Vision, Graphics, and Image Processing 35, 1986). So the next link is swept for all lines
-that cross it; knots are tried on whole ticks around the place where the furthest of them does, and
-all values are kept until the end is reached. Then one is chosen at each knot, backwards.
+Lines. All lines of one link start anywhere in an interval of values. They are swept along the tube
+until it leaves the last one behind, the *extreme* line. Every path with as few links crosses it (S.
+Suri, "A linear time algorithm for minimum link paths inside a simple polygon", Computer Vision,
+Graphics, and Image Processing 35, 1986). So the next link is swept for all lines that cross it.
+Knots are tried on whole ticks around the crossing of the line that reaches furthest. All values are
+kept until the end is reached. Then one is chosen at each knot, backwards.
 
 Where the extension is built, kernels/tube.c, links.c and sweep.c take the same steps.
 
 Widths, with |count| <= 2**32 and at most 2**24 ticks: half counts stay below 2**33 + 2, their
-differences below 2**34 + 4, products with ticks (2**59); no more than two of these are added, which
-an int64 holds.
+differences below 2**34 + 4, products with ticks (2**59). At most two of these are added, which an
+int64 holds.
 
-All lines through a stretch of an integer tube at once: the kernel of tube.py.
-
-Of the lines that pass each tick so far the steepest and the flattest are kept. A tick that cuts one
-of them off turns it around a point that has bounded the lines before, and those that still can are
-kept on a convex hull: J. O'Rourke, "An on-line algorithm for fitting straight lines between data
-ranges", Communications of the ACM 24, 1981. Integers only; widths in tube.py.
+The sweep keeps the steepest and the flattest of the lines that pass each tick so far. A tick that
+cuts one of them off turns it around a point that bounded the lines before. A convex hull keeps the
+points that still can: J. O'Rourke, "An on-line algorithm for fitting straight lines between data
+ranges", Communications of the ACM 24, 1981. All numbers are integers.
 """
 
 from __future__ import annotations
@@ -181,16 +179,16 @@ SPAN_BOUND = max(level.span_ticks for level in LEVELS.values())
 NO_VALUE = "a tube has a value of the grid at every tick"
 
 TRIES = 2
-"""Ticks at which the next knot is tried at least, although the first one may reach as far as any
-real line: on random and recorded tubes 0.5 % more knots than needed instead of 1.4 %."""
+"""Fewest ticks at which the next knot is tried, although the first one may reach as far as any real
+line. On random and recorded tubes this gives 0.5 % more knots than needed instead of 1.4 %."""
 
 SHORT = 16
 """Links of fewer ticks are tried at one tick more (0.3 %): where knots are dense the whole ticks
 and counts matter most."""
 
 BEFORE = 2
-"""Ticks before the extreme line's last touch that are tried too: half a count beside the line may
-be gained there."""
+"""Ticks before the extreme line's last touch that are tried too: half a count above or below the
+line may gain length there."""
 
 SAMPLES = 4
 """Ticks spread over the rest, tried where those at the crossing fall short."""
@@ -199,18 +197,18 @@ SLACK = 32
 """A next link is long enough if it lacks less than this part of the longest."""
 
 SCAN = 64
-"""Where whole values allow no candidate, so many ticks before are tried one by one: those that
-are reached may stand alone. Further back steps double, and the time stays linear."""
+"""Where whole values allow no candidate, this many ticks before are tried one by one: a reachable
+tick may have no reachable neighbour. Further back steps double, and the time stays linear."""
 
 NARROW = 4
-"""Intervals of up to so many values are verified value by value, others at their ends."""
+"""Intervals of up to this many values are verified value by value, others at their ends."""
 
 VERIFIED = 17
 """... and as many in the middle, where at the ends a line fits no two values of its start."""
 
 
 class Knot(NamedTuple):
-    """A tick where a knot may stand, and the interval of its places, all of which are reached."""
+    """A tick where a knot is possible, and the interval of its values, all of which are reached."""
 
     tick: int
     low: int
@@ -274,11 +272,11 @@ def fewest_linear(
         without it every count.
 
     One knot where a constant fits. Every decoded count is inside the tube. The number of knots is
-    the minimum or close to it (0.3 % more on random and recorded tubes, against dynamic programming
-    over all ticks and values): the links are as long as real lines could be, but knots stand on
-    whole ticks and counts, and which of them is best is seen one link ahead only. A tube of no
-    width at all may take many more (a ramp of one count per 100 ticks: 200 knots for 4): there only
-    few ticks are reached exactly. A deadband's floor is a count or more, and leaves three.
+    the minimum or close to it: 0.3 % more on random and recorded tubes, against dynamic programming
+    over all ticks and values. The links are as long as real lines could be. But knots are on whole
+    ticks and counts, and the choice between them looks only one link ahead. A tube of no width at
+    all may take many more (a ramp of one count per 100 ticks: 200 knots for 4): there only few
+    ticks are reached exactly. A deadband's floor is a count or more, and leaves three.
     """
     lows, highs = bounds(lower, upper)
     if grid is None:

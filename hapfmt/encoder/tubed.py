@@ -1,8 +1,8 @@
-"""Knots within the deadband, and the grids that their values lie on.
+"""Knots within the deadband, and the grids of their values.
 
 A coarse grid costs few bits a value and a few knots more. Cells of half the deadband were best for
-lines (single counts take 8 to 15 % more on recorded forces and positions), cells of the whole
-deadband for held levels.
+lines: single counts take 8 to 15 % more on recorded forces and positions. Cells of the whole
+deadband were best for held levels.
 """
 
 from __future__ import annotations

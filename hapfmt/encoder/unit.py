@@ -1,11 +1,10 @@
 """One unit, a channel or the axes of one vector: counts -> tracks and packets.
 
-The encoder is a client of the decoder: the residual is taken against what the decoder makes of the
-LF packets (SPEC WRT-003), so the two cannot drift apart.
+The encoder decodes its own LF packets and takes the residual against the result (SPEC WRT-003). So
+encoder and decoder cannot drift apart.
 
-The alphabet and the codebook of a QUAN track: the smallest that all its levels fit.
-
-What the decoder makes of an encoder's packets, beside what was recorded.
+A QUAN track gets the smallest alphabet and codebook that hold all its levels. The file also decodes
+an encoder's packets and compares them with the recorded samples.
 """
 
 from __future__ import annotations
@@ -48,7 +47,8 @@ from .split import low_pass
 
 NONE = np.zeros(0, np.int64)
 WIDE = 4
-"""Levels further apart than so many times their number are sorted, not counted in a table."""
+"""Levels are sorted, not counted in a table, if their range exceeds this many times their
+number."""
 
 DIRECT_LEVELS = (0, 1, 2, 3, 5, 7, 11, 15, 23, 31, 47, 63, 127, 255, 511, 1023)
 """Values of M that are tried: between them the size of a packet hardly changes (below 0.3 %)."""
@@ -118,14 +118,14 @@ def run_symbols(runs: NDArray[np.int64], classes: int) -> tuple[int, NDArray[np.
 
 
 ENCODE_LEVEL = LEVELS[2]
-"""The bounds that hold for any track while the file's level is not decided yet."""
+"""The bounds for any track, before the file's level is decided."""
 
 STEP_SHARE = 4
-"""Knot values are multiples of a quarter of the floor: an eighth of the floor away at most."""
+"""Knot values are multiples of a quarter of the floor, so at most an eighth of the floor away."""
 
 FINER_BITS, FINER = 8, 32
-"""From so many bits on, the paper's step is made of so many counts at least: a step of 1.5 counts
-would be rounded up to 2, and lose 2.5 dB."""
+"""From FINER_BITS bits on, the paper's step is at least FINER counts: a step of 1.5 counts would be
+rounded up to 2, and lose 2.5 dB."""
 
 STEP_LIMIT = LEVELS[1].step
 """Steps that every level allows; larger tolerances are seldom asked for, and held steps keep
@@ -138,8 +138,8 @@ SHORT, SHORTER = 1 << 14, 10_000
 """Terms of a Weber fraction that a varint of two bytes holds; and what that may cost."""
 
 MARGIN = Fraction(101, 100)
-"""A range is measured on counts too, each end up to the deviation off: with a floor of at most a
-200th of it that is 1 % of the deviation."""
+"""Safety factor: the range is measured on rounded counts too, so each end may be off by one
+deviation. With a floor of at most a 200th of the range that is 1 % of the deviation."""
 
 
 @dataclass
@@ -160,7 +160,7 @@ class Unit:
     """As they were coded, where that is not as they were prepared."""
 
     kept_as: str = ""
-    """What is kept, where that is not what was promised."""
+    """How the unit is kept, where that differs from the promise."""
 
     grid: str = ""
     """One line on the grid of ``channels``."""
@@ -197,7 +197,7 @@ class Bound:
         return min(max(isqrt(4 * self.slack**2 // len(self.band.zero)), 1), STEP_LIMIT)
 
     def flat(self, times: int) -> Deadband:
-        """A deadband of so many slacks everywhere, without Weber's part."""
+        """A deadband of ``times`` slacks everywhere, without Weber's part."""
         width = min(self.slack * times, FLOOR_LIMIT)
         return replace(self.band, kn=0, kd=1, floor=(width,) * len(self.band.zero))
 
@@ -232,10 +232,10 @@ def for_the_source(
 ) -> tuple[Fraction, Fraction]:
     """Floor in counts, and Weber fraction, that keep the source itself within its deadband.
 
-    A source that was put on a lattice is up to d counts away from its count, and the count of the
-    physical 0 may be half a count from it: m = (1 + k) d + k / 2 is the room that takes. Below the
-    floor F, F - m leaves it. Weber's part counts from G, the larger of F and one count, on, G / k
-    counts from 0: there k' = k (G - m) / G leaves it.
+    A source that was put on a grid is up to d counts away from its count. The count of the physical
+    0 may be half a count from it. That takes the room m = (1 + k) d + k / 2. Below the floor F, F -
+    m is left. Weber's part starts at G, the larger of F and one count, at G / k counts from 0:
+    there k' = k (G - m) / G is left.
     """
     moved = max(
         (
@@ -343,7 +343,7 @@ def residual_step(
 
 
 def slow_part(source: InputBlock, settings: Settings) -> NDArray[np.int64]:
-    """The low-passed counts, segment by segment: a gap is no signal."""
+    """The low-passed counts, segment by segment: a gap holds no signal."""
     out = np.zeros(source.counts.shape, np.int64)
     for rows in source.segments():
         x = source.counts[rows].astype(np.float64)

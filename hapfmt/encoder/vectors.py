@@ -1,13 +1,13 @@
 """Knots of a vector within its deadband: one clock for all axes, Euclidean norms.
 
-Held: a piece goes on while one point lies within the balls of all its samples. It is looked for by
-moving to the ball that is furthest away, again and again; where there is a common point this comes
+Held: a piece goes on while one point lies within the balls of all its samples. The search moves the
+point to the ball that is furthest away, again and again. Where a common point exists, this comes
 ever closer to it (S. Agmon, "The relaxation method for linear inequalities", Canadian Journal of
 Mathematics 6, 1954, and its followers).
 
-Lines: each axis has a tube of its own, the half width that of the ball over the root of the number
-of axes, so that the axes do not depend on each other; a link ends where the first of them must.
-Where the extension is built, kernels/vectors.c takes the same steps.
+Lines: each axis has a tube of its own. Its half width is that of the ball over the root of the
+number of axes, so that the axes are independent. A link ends where the first axis must end. Where
+the extension is built, kernels/vectors.c takes the same steps.
 """
 
 from __future__ import annotations

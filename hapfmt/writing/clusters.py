@@ -1,8 +1,7 @@
-"""Samples in the order of their arrival -> clusters of one stretch of time.
+"""Samples in the order of their arrival -> clusters, each of one time range.
 
-What stands beside the samples: events and clock observations, in the cluster of their time.
-
-What other clocks said: stored as it was observed, with the cluster that comes next.
+Events and clock observations go into the cluster of their time. Observations of other clocks are
+stored unchanged, with the next cluster.
 """
 
 from __future__ import annotations
@@ -174,7 +173,7 @@ class Clusters:
         return bool((self.reach >= self.ticks(end + self.patience / self.cluster)).any())
 
     def ticks(self, clusters: Fraction) -> NDArray[np.int64]:
-        """The first tick of each channel at or after so many clusters."""
+        """The first tick of each channel at or after ``clusters`` clusters."""
         firsts = [ceil(clusters * grid.ticks / grid.clusters) for grid in self.grids]
         return np.array(firsts, np.int64)[self.rate_of]
 
@@ -281,7 +280,7 @@ def code(event: Event, channel: int | None, rate: Fraction = EVENT_RATE) -> Code
 
 
 NANOSECONDS = Fraction(10**9)
-"""Ticks per second where an observation speaks of no track."""
+"""Ticks per second where an observation names no track."""
 
 
 class Observed:

@@ -1,6 +1,7 @@
-"""A file that grows under its own name, chunk by chunk, and is whole after each of them.
+"""Output files of a recording: a file that grows, or a stream that is only written.
 
-Where a recording goes: a file that grows and survives, or a stream that is only written.
+The file grows under its own name, chunk by chunk, and is whole after each of them, so it survives a
+crash.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from .filewriter import FileWriter
 
 OPENED = os.O_RDWR | getattr(os, "O_BINARY", 0)
 TRIES = 8
-"""How often a file is opened that another program replaces meanwhile."""
+"""How often a file is opened again that another program replaces meanwhile."""
 
 
 class SyncPolicy:
@@ -62,8 +63,9 @@ class SyncPolicy:
 class LiveFile(Closing):
     """Writes at the end of a locked file, and reads anywhere in it.
 
-    A write stands whole in the file or not at all: after a failed one the file is cut back to the
-    end of the last. Every OSError carries the file's name. ``size`` is where the next write goes.
+    A write is in the file as a whole or not at all: after a failed write the file is cut back to
+    the end of the last good one. Every OSError carries the file's name. ``size`` is where the next
+    write goes.
     """
 
     whole_writes = True
@@ -99,7 +101,7 @@ class LiveFile(Closing):
                 rest, position = rest[count:], position + count
         except BaseException as error:
             self.lost_size += len(data)
-            # A disk that is gone takes no cut either: what stands there is cut when it opens again.
+            # A lost disk cannot be cut either: the rest is cut off when the file opens again.
             with suppress(OSError):
                 os.ftruncate(self.descriptor, self.size)
             if isinstance(error, OSError):
@@ -138,7 +140,7 @@ class LiveFile(Closing):
             return os.read(self.descriptor, size)
 
     def trim(self) -> None:
-        """Cut off what stands beyond ``size``."""
+        """Cut off the bytes beyond ``size``."""
         with named(self.path):
             if os.fstat(self.descriptor).st_size > self.size:
                 os.ftruncate(self.descriptor, self.size)
@@ -207,7 +209,7 @@ def create_live(
 ) -> LiveFile:
     """A new, locked file under its own name from the first byte.
 
-    With ``force`` it takes the place of a file that is there as soon as HEAD stands in it.
+    With ``force`` it replaces an existing file as soon as its HEAD is written.
 
     Raises ParameterError as atomic_write does, and where another program writes the file.
     """
@@ -244,9 +246,9 @@ def create_live(
 
 
 def open_live(path: str | os.PathLike[str], *, sync: SyncPolicy | None = None) -> LiveFile:
-    """A file that is there, locked before anything of it is read.
+    """An existing file, locked before anything of it is read.
 
-    Raises ParameterError where it is no regular file, or another program writes it.
+    Raises ParameterError for anything but a regular file, or where another program writes it.
     """
     name = os.fspath(path)
     with named(name):
@@ -330,7 +332,7 @@ class RecordingOutput:
             self.target.close()
 
     def give_up(self, *, close: bool) -> None:
-        """After an error: what stands in the file stays; with index and footer where asked."""
+        """After an error: the data in the file stays; with index and footer where asked."""
         with suppress(Exception):
             if close:
                 self.writer.close()

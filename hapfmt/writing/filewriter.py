@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from ..reading.catalogue import Catalogue
 
 COPY_SHARE = 50
-"""HEAD and TRAK are repeated at the end (SPEC 6.1) where that adds at most a 50th to the file."""
+"""HEAD and TRAK are repeated at the end (SPEC 6.1) if that adds at most a 50th to the file."""
 
 PAYLOAD_TARGET = {1: 1 << 19, 2: 1 << 22}
 """Clusters are split above this size, well below the limit of the level."""
@@ -54,7 +54,7 @@ CHECKPOINT_SECONDS = 10
 """Between two indexes of a live writer (SPEC IDX-005)."""
 
 JOINT_SIZE = 8
-"""Bytes that one distance may take more where two indexes become one."""
+"""Bytes that one distance may grow by where two indexes become one."""
 
 SEQUENCE_LIMIT = 1 << 32
 
@@ -120,7 +120,7 @@ class FileWriter:
         self.tracks: dict[int, Track] = {}
         self.descriptions: list[tuple[int, bytes]] = []
         self.copied: set[int] = set()
-        """First track ids of TRAK chunks that stand in the file twice, NO_TRACK for HEAD."""
+        """First track ids of the TRAK chunks that the file holds twice, NO_TRACK for HEAD."""
         self.entries: list[IndexEntry] = []
         """Of all chunks: their places are the sequence numbers."""
         self.resumed_entries = 0
@@ -311,12 +311,13 @@ class FileWriter:
         return late or self.offset - self.indexed_to + size > INDEX_EVERY
 
     def checkpoint(self) -> None:
-        """An index of what was not indexed yet, if anything."""
+        """Write an index of the chunks without one, if there are any."""
         if len(self.entries) > self.indexed_entries:
             self.index()
 
     def index(self, *, closing: bool = False) -> None:
-        """An index of what was not indexed yet; at the end of more, so that the chain is short."""
+        """Write an index of the chunks without one; at the end of more, so that the chain is
+        short."""
         parts = list(self.parts)
         first = parts[-1].sequence if parts else 0
         if closing:
@@ -334,9 +335,9 @@ class FileWriter:
         self.indexed_at = self.seconds() if self.seconds else 0.0
 
     def joins(self, part: IndexLink, first: int, room: int) -> bool:
-        """Whether the last index repeats ``part``, the one before ``first``: those of this writer
-        always, those that stood in the file before only where they are no longer than what is new,
-        so that appending little again and again adds little."""
+        """Whether the last index repeats ``part``, the one before ``first``. It always repeats
+        those of this writer. It repeats those of the existing file only where they are no longer
+        than the new entries. This way repeated small appends add little to the file."""
         if part.size - INDEX_SIZE + JOINT_SIZE > room:
             return False
         return part.first >= self.resumed_entries or 2 * first <= len(self.entries) + part.first

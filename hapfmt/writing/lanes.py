@@ -1,6 +1,6 @@
-"""The channels of a recording, and the tick that each has come to.
+"""The channels of a recording, and the next tick of each.
 
-What the caller hands over -> arrays that are ours, checked against the inputs.
+The caller's samples become private arrays, checked against the inputs.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Samples as they arrive -> a file that grows (SPEC clause 15).
 
-How a recording is doing.
+It also reports the status of a recording.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class Recorder:
     for its cluster to be complete [cluster + 2 patience; none in canonical mode].
     ``queue_size``: bytes that wait for the encoder; ``on_full``: "block" until there is room,
     "drop" what comes (a gap, counted, reported in a warning and in the file's notes), or "raise"
-    LimitError. ``append``: go on with the file, where it ends, at ``at`` seconds, or for "now" by
+    LimitError. ``append``: continue the file, where it ends, at ``at`` seconds, or for "now" by
     its epoch; inputs are its channels of the same label, rate and unit, others become new ones.
     ``epoch_ns``: UTC time of tick 0, "now", or None. ``clock_maps``: fit a map to the observations
     of each clock at the end. ``canonical``: file id; the same calls give the same bytes.
@@ -245,7 +245,7 @@ class Recorder:
                     places[number] = max(stop, at)
 
     def skip(self, channel: str | int, ticks: int) -> None:
-        """So many samples of a channel are missing: a gap."""
+        """The next ``ticks`` samples of a channel are missing: a gap."""
         with self.turn:
             lane = self.lanes.one(channel)
             start = self.lanes.start_of(lane, None) + ticks

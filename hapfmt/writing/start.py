@@ -1,6 +1,7 @@
-"""How a recording begins: a new file, or the end of one that is there.
+"""Starts a recording: in a new file, or at the end of an existing one.
 
-An existing file -> a writer that goes on at its end, however that was left (SPEC clause 15).
+An existing file becomes a writer that appends at its end, even where it was not closed (SPEC clause
+15).
 """
 
 from __future__ import annotations
@@ -37,10 +38,10 @@ from .filewriter import FileWriter
 from .worker import FileChannel, Item, SampleQueue, Worker
 
 TAIL = frozenset({"truncated", "bad-payload", "garbage", "other-file"})
-"""What is found where the writing stopped."""
+"""Findings at the place where the writing stopped."""
 
 NOTHING_IN = frozenset({"HEAD", "TRAK", "iNDX", "fOOT"})
-"""What is written anew, or said nothing yet."""
+"""Chunks that are written again, or held no data yet."""
 
 RECOVER = "run: hapfmt recover"
 PIECE = 1 << 16
@@ -50,9 +51,9 @@ PIECE = 1 << 16
 class Appending:
     """A file open for appending: ``file, writer, catalogue = appending``.
 
-    ``findings`` is what was cut off its end, ``note`` the same for people, where it held anything.
-    As a context manager it closes both at the end of the block: also after an error, since what
-    was written until then stands.
+    ``findings`` describes the bytes cut off its end; ``note`` says the same for people, where they
+    held anything. As a context manager it closes both at the end of the block, also after an error:
+    the data written until then stays in the file.
     """
 
     def __init__(
@@ -103,11 +104,11 @@ def open_append(
     sync: SyncPolicy | None = None,
     clock: Callable[[], float] | None = None,
 ) -> Appending:
-    """Lock a file and go on at its end, whether it was closed or not.
+    """Lock a file and append at its end, whether it was closed or not.
 
-    Where writing stopped within a chunk, or left bytes that are no chunk, the end is mended first
-    (SPEC WRT-007): whole packets are kept, the rest is cut off and told. A closed file is taken by
-    its index: what its payloads lost shows when they are read. ``clock``: as for a FileWriter.
+    Where writing stopped within a chunk, or left bytes that are no chunk, the end is repaired first
+    (SPEC WRT-007): whole packets are kept, the rest is cut off and reported. A closed file is read
+    by its index: damage to its payloads shows when they are read. ``clock``: as for a FileWriter.
 
     Raises ParameterError where another program writes the file, where it is damaged elsewhere, or
     anywhere and ``repair`` is False; FormatError and UnsupportedError as a Reader does.
@@ -116,7 +117,7 @@ def open_append(
     try:
         catalogue = open_catalogue(file)
         if not catalogue.closed:
-            # What stands before its last index has not been looked at yet.
+            # The part before its last index has not been examined yet.
             catalogue = open_catalogue(file, scan=True)
         if catalogue.unsupported:
             raise catalogue.unsupported
@@ -173,7 +174,7 @@ def check_tail(catalogue: Catalogue, findings: Sequence[Finding], end: int) -> N
 
 
 def zeros(source: ByteSource, start: int) -> bool:
-    """Whether nothing but zeros follows."""
+    """Whether only zeros follow."""
     return not any(
         any(source.read_at(position, PIECE)) for position in range(start, source.size, PIECE)
     )
@@ -349,12 +350,12 @@ class Start:
         self.notes: list[str] = []
         self.metadata = dict(options.metadata)
         self.written: dict[str, Any] = {}
-        """Metadata that stands in the file."""
+        """The metadata in the file."""
         self.start_s = Fraction(0)
         self.holes: list[int] = []
         """Channel numbers below the highest without a channel."""
         self.observed: list[ClockObservation] = []
-        """Those of the file that is gone on with, where maps are asked for."""
+        """Observations of the file that is appended to, where maps are asked for."""
         if options.append:
             if not isinstance(file, (str, os.PathLike)):
                 raise ParameterError("a stream that is only written cannot be appended to")
@@ -447,7 +448,7 @@ class Start:
             raise
 
     def closing(self, metadata: dict[str, Any]) -> dict[str, Any]:
-        """Metadata at the end: what changed, and notes of what was lost."""
+        """Metadata at the end: the changes, and notes of losses."""
         progress = self.worker.progress
         own = metadata.get("notes", [])
         notes = [*self.notes, *(own if isinstance(own, list) else [])]
@@ -494,7 +495,7 @@ class Start:
 
 
 def last_track(ref: Any) -> Track:
-    """The track that goes on with the channel."""
+    """The track that continues the channel."""
     track: Track = ref.parts[-1].track
     return track
 

@@ -1,10 +1,7 @@
-"""A stream of any kind -> a recorder (docs/streams.md): the first bytes tell which it is.
+"""A stream -> calls of a recorder (docs/streams.md); the first bytes decide its kind.
 
-What a stream says -> calls of a recorder; the words of docs/streams.md.
-
-A stream of lines -> rows and objects (docs/streams.md).
-
-A stream of binary frames -> samples and objects (docs/streams.md).
+* Lines of text: rows of samples, and objects in JSON.
+* Binary frames: samples and objects.
 """
 
 from __future__ import annotations
@@ -60,7 +57,7 @@ class ChannelKeys(StreamKeys, frozen=True):
 
 
 class HeaderKeys(StreamKeys, frozen=True):
-    """What stands at the beginning of a stream."""
+    """The object at the beginning of a stream."""
 
     channels: Annotated[tuple[ChannelKeys, ...], Meta(min_length=1)]
     metadata: dict[str, Any] = msgspec.field(default_factory=dict)
@@ -124,7 +121,7 @@ Action.kinds = {kind.__struct_fields__[0]: kind for kind in ACTIONS}
 
 @dataclass
 class Header:
-    """What stands at the beginning of a stream."""
+    """The header of a stream: its inputs, metadata and epoch."""
 
     inputs: list[Input]
     metadata: dict[str, Any] = field(default_factory=dict)
@@ -262,7 +259,7 @@ class BareTable:
     lsb: float | None = None
 
     def header(self, names: Sequence[str] = (), columns: int = 0) -> Header:
-        """For columns of these names, or of so many without any."""
+        """The header for columns of these names, or for ``columns`` of them without names."""
         if self.rate is None:
             raise ParameterError("a table needs its rate: --rate 1000, or a header of JSON")
         given = [split_name(name) for name in names]
@@ -350,7 +347,7 @@ class LineStream:
         if not self.rows.lines:
             self.rows.number, self.rows.tick = self.number, tick
         elif self.number != self.rows.number + len(self.rows.lines):
-            # A comment stood between them, and errors count lines.
+            # A comment was between them, and errors count lines.
             self.settle()
             self.rows.number = self.number
         self.rows.lines.append(line)

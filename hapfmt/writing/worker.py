@@ -1,6 +1,7 @@
-"""The thread of a recorder: samples off the queue, through clusters and encoder, into the file.
+"""The thread of a recorder, and its queue.
 
-What the caller hands over and the thread takes, in order, within a bound of bytes.
+The caller puts samples into the queue, in order and within a bound of bytes. The thread takes them
+through clusters and encoder into the file.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from .filewriter import FileWriter
 Queued = TypeVar("Queued")
 
 OVERHEAD = 256
-"""Bytes that an item takes beside its samples: two objects of Python and their places."""
+"""Bytes that an item takes besides its samples: two objects of Python and their places."""
 
 
 class SampleQueue(Generic[Queued]):
@@ -90,7 +91,7 @@ class SampleQueue(Generic[Queued]):
             self.refuse()
 
     def take(self, timeout: float) -> Queued | None:
-        """The next item; None where nothing came in so many seconds. The one before is done."""
+        """The next item; None where nothing came in ``timeout`` seconds. The one before is done."""
         with self.condition:
             if self.held is not None:
                 self.size -= self.held
@@ -107,7 +108,7 @@ class SampleQueue(Generic[Queued]):
             return item
 
     def fail(self, error: BaseException) -> None:
-        """Raise this from every put and join to come; what was not taken yet is given up."""
+        """Raise this from every later put and join; samples still in the queue are given up."""
         with self.condition:
             self.error = error
             self.items.clear()
@@ -125,7 +126,8 @@ Item = SampleRows | Task
 
 @dataclass(frozen=True)
 class FileChannel:
-    """An input and its channel number in the file; ``is_new``: no track of it stands there yet."""
+    """An input and its channel number in the file; ``is_new``: the file holds no track of it
+    yet."""
 
     input: Input
     number: int
@@ -293,7 +295,7 @@ class Worker:
         self.describe(self.encoder.silent(silent))
 
     def give_up(self) -> None:
-        """After an error: what stands in the file stays, closed where that can be."""
+        """After an error: the data in the file stays, and the file is closed if possible."""
         try:
             if self.writer.failed is None:
                 self.describe_silent()

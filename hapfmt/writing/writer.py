@@ -38,7 +38,8 @@ NAMED = ("rate", "labels", "units", "transpose", "canonical", "force", "progress
 
 @dataclass(frozen=True)
 class Summary:
-    """What was written: bytes in all, bytes of packets, samples, and the encoder's decisions."""
+    """The result of a write: bytes in all, bytes of packets, samples, and the encoder's
+    decisions."""
 
     file_size: int
     payload_size: int
