@@ -74,7 +74,7 @@ class TableHead(NamedTuple):
 
     @property
     def table_size(self) -> int:
-        """From the first byte of the payload to the first packet."""
+        """Bytes from the start of the payload to the first packet."""
         return self.rows_stop + CRC_SIZE
 
 
@@ -113,7 +113,7 @@ def alone_size(packet: Packet) -> int:
 
 
 def parse_table_head(payload: bytes, level: Level, base: int) -> TableHead:
-    """Of the payload at ``base``, as much of it as is there."""
+    """The table head of a payload at ``base``, which may be truncated."""
     count, position = parse_varint(payload, 0, base)
     if count < 1:
         raise FormatError("a cluster without packets", requirement="DAT-001", offset=base)
@@ -135,7 +135,7 @@ def parse_table_head(payload: bytes, level: Level, base: int) -> TableHead:
 
 
 def parse_rows(payload: bytes, head: TableHead) -> Iterator[TableRow]:
-    """As many as are whole."""
+    """The complete rows of the table."""
     stop = min(head.rows_stop, len(payload)) - head.row_size
     a, b, c, d = head.widths
     track, size, start, span = head.least
@@ -257,14 +257,14 @@ class Salvage:
         self.rows = list(parse_rows(payload, self.head))
 
     def place_forwards(self) -> None:
-        """One after the other from the end of the table on."""
+        """Place the packets one after another, from the end of the table on."""
         position = self.head.table_size if self.head else 0
         for number, row in enumerate(self.rows):
             self.keep(number, position)
             position += row.size
 
     def place_backwards(self, stop: int) -> None:
-        """The last one ends at ``stop``, and so on; without the last row nothing tells where."""
+        """Place the packets backwards from ``stop``. This needs the last row."""
         if self.head is None or len(self.rows) < self.head.packet_count:
             return
         for number, row in reversed(list(enumerate(self.rows))):
@@ -276,8 +276,8 @@ class Salvage:
             self.kept[number] = offset
 
     def holds(self, row: TableRow, offset: int) -> bool:
-        """Whether this is the packet of the row, by its CRC; it is so for no row if packet_count is
-        wrong."""
+        """Whether the CRC shows that this is the packet of the row. It matches no row if
+        packet_count is wrong."""
         assert self.head is not None
         if offset < 0 or offset + row.size > len(self.payload):
             return False
@@ -290,7 +290,7 @@ class Salvage:
 
 
 def held_size(payload: bytes, seed: int) -> int:
-    """Bytes of the packets that hold, placed forwards, and of their rows."""
+    """Bytes of the packets with valid CRCs, placed forwards, and of their rows."""
     salvage = Salvage(payload, LEVELS[2], seed)
     salvage.place_forwards()
     row_size = salvage.head.row_size if salvage.head else 0
@@ -307,7 +307,7 @@ def salvage_cluster(
 ) -> Iterator[Packet | MissingPackets]:
     """Packets whose CRC holds, in order of the table, and where others are missing.
 
-    ``sizes`` are those that the payload may have: by its header, and up to the next one.
+    ``sizes``: possible sizes of the payload, by its header and by the place of the next header.
     """
     salvage = Salvage(payload, level, seed)
     salvage.place_forwards()

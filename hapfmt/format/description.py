@@ -64,7 +64,7 @@ def build_description(tracks: Sequence[Track]) -> bytes:
 
 
 def pack(plain: bytes) -> bytes:
-    """As it is, or where that is shorter as a DEFLATE stream."""
+    """The payload uncompressed, or as a DEFLATE stream if that is shorter."""
     packed = build_varint(len(plain)) + deflate(plain)
     return packed if len(packed) <= len(plain) else b"\0" + plain
 
@@ -148,7 +148,7 @@ def unpack(payload: bytes, level: Level, offset: int) -> tuple[bytes, int]:
     size, start = parse_varint(payload, 0, offset)
     if not size:
         return payload[start:], offset + start
-    # As it is it fits a payload too, behind a byte.
+    # Uncompressed, it must fit a payload too, after one byte.
     level.check("payload_size", size + 1, "TRK-020", offset)
     return inflate(payload[start:], size, "TRK-020", offset + start), offset
 
@@ -239,7 +239,7 @@ def parse_track(raw: Any, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
 
 
 def find_unsupported(raw: Any, tlvs: Tlvs) -> str | None:
-    """What of a track this reader does not know (TRK-011, TLV-003)."""
+    """The parts of a track that this reader does not know (TRK-011, TLV-003)."""
     if raw.kind >= len(KINDS):
         return f"kind {raw.kind} [TRK-011]"
     if raw.number_format >= len(NUMBER_FORMATS):

@@ -67,7 +67,7 @@ class RemoteSource:
             self.stream.seek(offset)
             data = self.stream.read(size)
         if len(data) != size:
-            # Never a damage of the file: it is not what the server said it was.
+            # Not damage of the file: the server delivered something else than it announced.
             message = f"{len(data)} bytes came where {size} were asked for"
             raise OSError(errno.EIO, message, self.path)
         return data
@@ -78,7 +78,7 @@ class RemoteSource:
 
 @contextmanager
 def network(path: str | None) -> Iterator[None]:
-    """Whatever fails on the way to a URL is an OSError that names it, never damage of the file."""
+    """Failures while reading a URL become an OSError that names it, never damage of the file."""
     try:
         yield
     except HapfmtError:
@@ -107,7 +107,7 @@ def missing(error: ImportError) -> ParameterError:
 
 
 def reason(error: BaseException) -> str:
-    """What the innermost error says: fsspec calls whatever fails at first "not found"."""
+    """The text of the innermost error: fsspec reports any first failure as "not found"."""
     inner = error.__cause__ or error
     status = getattr(inner, "status", None)
     if status:

@@ -42,7 +42,7 @@ class Contract(NamedTuple):
 
 @dataclass(frozen=True)
 class Component:
-    """What belongs to one scalar of a track."""
+    """The description of one scalar of a track."""
 
     calibration: Affine = IDENTITY
     label: str = ""
@@ -76,7 +76,7 @@ class Track:
     provenance: str = ""
     unsupported: str | None = None
     unknown: tuple[tuple[int, bytes], ...] = ()
-    """TLVs that are not known here, by their types."""
+    """TLVs that this reader does not know, by type."""
     offset: int = 0
     """Offset of the TRAK payload in the file."""
 
@@ -144,7 +144,7 @@ def lone_lf(track: Track) -> FormatError:
 
 
 def unsupported_track(track: Track, path: str | None = None) -> UnsupportedError:
-    """Of a track that has something unknown: what, and by which rule."""
+    """The error for a track with an unknown part; it names the part and the rule."""
     what, rule = (track.unsupported or "nothing []")[:-1].rsplit(" [", 1)
     return UnsupportedError(
         f"track {track.id} needs {what}", requirement=rule, offset=track.offset, path=path

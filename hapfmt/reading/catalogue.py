@@ -277,7 +277,7 @@ class Catalogue:
     def parsed_clocks(
         self, type_: str, parse: Callable[[bytes, int | None, int], T]
     ) -> Iterator[T]:
-        """What intact chunks say; in a damaged file what breaks a rule is part of the damage."""
+        """Parsed payloads of intact chunks; in a damaged file, a broken rule counts as damage."""
         for ref in self.chunks:
             chunk = read_chunk(self.source, ref.offset) if ref.type == type_ else None
             if chunk is None or not chunk.intact or not chunk.header.known:
@@ -324,11 +324,11 @@ class Catalogue:
             self.findings.append(finding)
 
     def check_records(self) -> None:
-        """That there is room for another chunk or finding."""
+        """Check that the limits allow another chunk or finding."""
         self.limits.check_records(len(self.chunks) + len(self.findings) + 1)
 
     def learn(self, chunk: Chunk) -> ChunkRef | None:
-        """Learn what an intact chunk says; a DATA chunk only tells its place in time."""
+        """Learn the contents of an intact chunk; of a DATA chunk, only its place in time."""
         header, offset = chunk.header, chunk.payload_offset
         if not header.known:
             self.unknown.append(header)
