@@ -178,8 +178,10 @@ class Head:
 
 def parse_head(payload: bytes, offset: int) -> Head:
     """The HEAD payload at ``offset`` in the file."""
-    raw, places = HEAD.parse(payload, 0, "HED-002", offset), HEAD.offsets
-    if raw.major != MAJOR:
+    places = HEAD.offsets
+    # A shorter HEAD of another version is unsupported, not wrong: VER-001 comes before HED-002.
+    raw = HEAD.read(payload[: HEAD.size].ljust(HEAD.size, b"\0"))
+    if payload and raw.major != MAJOR:
         raise UnsupportedError(f"major version {raw.major}", requirement="VER-001", offset=offset)
     if raw.incompat & ~KNOWN_INCOMPAT:
         raise UnsupportedError(
@@ -187,10 +189,12 @@ def parse_head(payload: bytes, offset: int) -> Head:
             requirement="VER-001",
             offset=offset + places["incompat"],
         )
-    if raw.level not in LEVELS:
+    if len(payload) > places["level"] and raw.level not in LEVELS:
         raise UnsupportedError(
             f"level {raw.level}", requirement="HED-004", offset=offset + places["level"]
         )
+    if len(payload) < HEAD.size:
+        HEAD.parse(payload, 0, "HED-002", offset)
     if raw.reserved:
         raise FormatError(
             "reserved byte is not 0", requirement="HED-005", offset=offset + places["reserved"]

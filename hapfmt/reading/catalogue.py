@@ -339,6 +339,7 @@ class Catalogue:
                     offset=chunk.offset,
                     path=self.source.path,
                 )
+            self.level.check("payload_size", header.payload_size, "LIM-001", chunk.offset)
             return None
         if header.type == "HEAD":
             self.learn_head(chunk)
