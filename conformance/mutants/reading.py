@@ -226,13 +226,17 @@ MUTANTS = (
         "minor-version-refused",
         "A minor version other than 0 is refused.",
         "VER-001",
-        Edit(HEAD, "if raw.major != MAJOR:", "if (raw.major, raw.minor) != (MAJOR, MINOR):"),
+        Edit(
+            HEAD,
+            "if payload and raw.major != MAJOR:",
+            "if (raw.major, raw.minor) != (MAJOR, MINOR):",
+        ),
     ),
     mutant(
         "major-version-ignored",
         "Any major version is read.",
         "VER-001",
-        Edit(HEAD, "if raw.major != MAJOR:", "if False:"),
+        Edit(HEAD, "if payload and raw.major != MAJOR:", "if False:"),
     ),
     mutant(
         "compat-refused",
