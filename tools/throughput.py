@@ -116,7 +116,7 @@ def doubles() -> list[list[object]]:
                 [f"exact values, {'recall, ' if recall else ''}{name}", f"{8 * len(data) / n:.3f}",
                  speed(n, encode, 3),
                  speed(n, lambda d=data, c=counts, a=affine: exact.decode_exact(
-                     d, exact.ExactParameters(), a, c, 0), 3)]
+                     d, [exact.ExactParameters()], [a], c[:, None], 0), 3)]
             )  # fmt: skip
     exact.compiled = built
     return rows
