@@ -1,9 +1,9 @@
-"""Recording and Channel: the data in memory, and their conversion from and to arrays and tables.
+"""Recording, Channel and Event: the data in memory, and their conversion from and to arrays.
 
 A channel holds integer counts with a calibration, or floating-point values. It keeps the measured
 samples and the spans of ticks that they cover. Ticks outside every span are a gap. A gap takes no
 memory and becomes NaN only in :meth:`Channel.filled`. A Recording converts from and to arrays,
-tables and data frames.
+tables and data frames. An event is a marker or annotation, with times in seconds.
 """
 
 from __future__ import annotations
@@ -32,11 +32,63 @@ from .errors import (
     matching,
     unknown,
 )
-from .events import Event
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, LAST_TRACK_ID, TICK_LIMIT
-from .numbers import counted, hertz, tick_range
+from .numbers import counted, exact, hertz, tick_range
 from .numbers import exact as to_fraction
 from .units import split_name, to_ucum
+
+
+@dataclass(frozen=True)
+class Event:
+    """A text at ``time``, seconds from the zero of the recording, that holds for ``duration``.
+
+    A float means its shortest decimal. A file keeps times exactly where their common
+    denominator is below 2^32, else to the microsecond. An event that is read names its channel by
+    the number. channel: the place of a channel in the
+    recording, or its label; None: the event speaks of all. layer: events that belong together.
+    """
+
+    time: Fraction
+    text: str = ""
+    duration: Fraction = Fraction(0)
+    channel: int | str | None = None
+    layer: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("time", "duration"):
+            seconds = exact(getattr(self, name))
+            if seconds < 0:
+                raise ParameterError(f"the {name} of an event must not be negative")
+            object.__setattr__(self, name, seconds)
+        if not (isinstance(self.text, str) and isinstance(self.layer, str)):
+            raise ParameterError("the text and the layer of an event must be strings")
+        if self.channel is not None and not isinstance(self.channel, (int, str)):
+            raise ParameterError("the channel of an event must be a number, a label or None")
+
+
+def in_order(events: Iterable[Event]) -> list[Event]:
+    """By time; those of one time as they come."""
+    return sorted(events, key=lambda event: event.time)
+
+
+def by_layer(events: Iterable[Event]) -> dict[str, list[Event]]:
+    """In order of time, the layers as they come first."""
+    found: dict[str, list[Event]] = {}
+    for event in events:
+        found.setdefault(event.layer, []).append(event)
+    return {layer: in_order(own) for layer, own in found.items()}
+
+
+def index_of_channel(event: Event, labels: Sequence[str]) -> int | None:
+    """The number of the channel that an event speaks of."""
+    if isinstance(event.channel, str):
+        if event.channel not in labels:
+            raise ParameterError(f"an event names channel {event.channel!r}, which does not exist")
+        return labels.index(event.channel)
+    if event.channel is not None and not 0 <= event.channel < len(labels):
+        raise ParameterError(f"an event names channel {event.channel} of {len(labels)}")
+    return event.channel
+
 
 Units = str | Sequence[str] | Mapping[str, str]
 

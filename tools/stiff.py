@@ -29,8 +29,7 @@ from hapfmt.encoder.split import low_pass
 from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Channel, Recording
-from hapfmt.replay.frames import FrameBlock
-from hapfmt.replay.profile.model import Actuator, Profile, Timing
+from hapfmt.replay.profile.model import Actuator, FrameBlock, Profile, Timing
 from hapfmt.replay.render import Assignment, Renderer, Route
 from hapfmt.replay.render.feed import DeviceGrid, Shape, kernel
 from hapfmt.replay.schedule import Schedule

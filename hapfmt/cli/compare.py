@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from ..encoder.settings import Tolerance
-    from ..lab.survey.compare import Comparison
-    from ..lab.survey.views import ChannelView
+    from ..lab.compare import Comparison
+    from ..lab.views import ChannelView
     from ..limits import Limits
 
 DIFFERENT = 3
@@ -88,8 +88,8 @@ def compare(
     hapfmt compare a.hapf b.hapf --tolerance 0.5lsb --plot both.png
     """
     from ..files import refuse
-    from ..lab.survey.compare import compare as run
-    from ..lab.survey.compare import pair_up
+    from ..lab.compare import compare as run
+    from ..lab.compare import pair_up
 
     if a == "-" and b == "-":
         raise ParameterError("Only one of A and B can come from standard input")
@@ -141,7 +141,7 @@ def draw(
     from ..lab.plotting.figures import pages
     from ..lab.plotting.pages import Words
     from ..lab.plotting.panels import kind_of, save
-    from ..lab.survey.views import duration, grouped, rates
+    from ..lab.views import duration, grouped, rates
 
     if not views:
         raise ParameterError("Nothing to draw: no channel of both has the same rate")

@@ -30,8 +30,8 @@ from .common import (
 from .screen import Verb, note, printable
 
 if TYPE_CHECKING:
-    from ..lab.survey.parts import Parts
-    from ..lab.survey.views import ChannelView
+    from ..lab.parts import Parts
+    from ..lab.views import ChannelView
     from ..limits import Limits
 
 ZOOM_TICKS = 400
@@ -146,7 +146,7 @@ def draw(
 ) -> list[Any]:
     """Pages."""
     from ..lab.plotting.pages import ROWS, Words, pages
-    from ..lab.survey.views import liveliest, survey, within
+    from ..lab.views import liveliest, survey, within
 
     first, last = within(parts, start, stop)
     many = len(parts.channels) > ROWS and not (details and original is not None)
@@ -175,8 +175,8 @@ def header(
     parts: Parts, views: list[ChannelView], name: str, whole: bool, compared: bool
 ) -> list[str]:
     """The facts of the file."""
-    from ..lab.survey.parts import FileParts
-    from ..lab.survey.views import facts
+    from ..lab.parts import FileParts
+    from ..lab.views import facts
 
     size = None
     if isinstance(parts, FileParts):
@@ -191,7 +191,7 @@ def header(
 
 def largest_error(views: list[ChannelView]) -> list[str]:
     """Of the channel that has the largest, by its range; one channel says it in its own title."""
-    from ..lab.survey.views import relative_error
+    from ..lab.views import relative_error
 
     shares = [(relative_error(view), view) for view in views]
     worst, view = max(shares, key=lambda pair: pair[0])
@@ -214,7 +214,7 @@ def footnotes(
 
 def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = "") -> list[str]:
     """Damage of the file, in a few lines."""
-    from ..lab.survey.parts import FileParts
+    from ..lab.parts import FileParts
     from ..reading.damage import lost_lines
 
     lines: list[str] = []
@@ -232,7 +232,7 @@ def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str 
 
 def finish(parts: Parts, start: Fraction | None, stop: Fraction | None) -> int:
     """Reports damage; returns the exit code."""
-    from ..lab.survey.parts import FileParts
+    from ..lab.parts import FileParts
 
     if not isinstance(parts, FileParts):
         return 0

@@ -33,10 +33,9 @@ from .screen import Verb, complain, printable, say, table
 if TYPE_CHECKING:
     from ..limits import Limits
     from ..reading.reader import Reader
-    from ..replay.frames import Frame, FrameSink
+    from ..replay.process.loop import ReplayReport
     from ..replay.process.player import PlayerStatus
-    from ..replay.process.report import ReplayReport
-    from ..replay.profile.model import HidReport, Profile
+    from ..replay.profile.model import Frame, FrameSink, HidReport, Profile
     from ..replay.render import Renderer
     from ..replay.sinks.record import RecordSink
 
@@ -337,8 +336,7 @@ def performed(
     record: FrameSink | None,
     watchdog: bool,
 ) -> ReplayReport:
-    from ..replay.process.keys import TerminalKeys
-    from ..replay.process.player import play
+    from ..replay.process.player import TerminalKeys, play
 
     with ReplayStatus() as line, TerminalKeys() as keys:
         return play(

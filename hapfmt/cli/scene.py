@@ -24,8 +24,7 @@ from .common import (
 from .screen import Verb, document, note, say, table
 
 if TYPE_CHECKING:
-    from ..lab.scenes.description import Scene
-    from ..lab.scenes.work import Work
+    from ..lab.scenes.description import Scene, Work
     from ..recording import Recording
 
 INTEGRATORS = ("explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4", "exact")
@@ -91,7 +90,7 @@ def scene(
     hapfmt scene grasp hand.hapf --without ring --without little
     hapfmt scene sand --show > mine.toml
     """
-    from ..lab.scenes.library import load_scene, scene_text
+    from ..lab.scenes.description import load_scene, scene_text
 
     if as_list or name is None:
         if show or target is not None:
@@ -196,7 +195,7 @@ def in_words(work: Work) -> str:
 
 
 def list_scenes(as_json: bool) -> None:
-    from ..lab.scenes.library import builtin_names, load_scene
+    from ..lab.scenes.description import builtin_names, load_scene
 
     found = [load_scene(each) for each in builtin_names()]
     if as_json:

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 from ..codecs.events import coded, event_packets, layer_track, rate_of
 from ..errors import ParameterError, unknown
-from ..events import Event, by_layer
 from ..files import atomic_write, refuse
 from ..format.cluster import Packet
 from ..format.extras import Attachment, build_attachment, build_metadata
@@ -26,10 +25,10 @@ from ..format.track import Track
 from ..limits import LAST_TRACK_ID
 from ..numbers import counted
 from ..reading.catalogue import Catalogue
+from ..recording import Event, by_layer
 from ..writing.filewriter import FileWriter
 from ..writing.start import open_append
-from .making import Output, opened, refuse_output
-from .original import Input, Original, open_original
+from .making import Input, Original, Output, open_original, opened, refuse_output
 
 PIECE = 1 << 20
 """Bytes copied in one go."""

@@ -28,10 +28,9 @@ from uuid import UUID
 from ..errors import DAMAGED, HARMLESS, UNSUPPORTED, FormatError, HapfmtError, ParameterError
 from ..files import atomic_write, refusal, refuse, sync_directory, target
 from ..format.cluster import Packet, alone_size
-from ..format.description import Record, build_track, split
 from ..format.extras import build_metadata, parse_attachment, parse_clock, parse_map, parse_metadata
 from ..format.source import SPOOL_SIZE, ByteSource, StreamSource, open_source
-from ..format.track import COMPONENTS, Component, Track, TrackTable
+from ..format.track import COMPONENTS, Component, Record, Track, TrackTable, build_track, split
 from ..format.walk import Chunk, Finding, read_chunk
 from ..format.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, check_file_id
 from ..limits import LAST_TRACK_ID, Limits

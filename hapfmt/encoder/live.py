@@ -33,8 +33,8 @@ from ..codecs.raw import RawParameters, encode_raw
 from ..deadband import Deadband
 from ..errors import ParameterError
 from ..format.cluster import Packet
-from ..format.tlv import encode_text
 from ..format.track import Affine, Component, Contract, Track
+from ..format.wire import encode_text
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
 from ..numbers import exact
 from ..reading.decoder import TrackDecoder

@@ -28,7 +28,7 @@ from ..format.track import Component, Contract, Track
 from ..limits import EXACT_LIMIT, ZERO_LIMIT
 from ..numbers import clamp
 from ..recording import Calibration, Channel
-from .bounded import code_grid, encode_bounded, encode_lossless
+from .bounded import code_grid, code_lines, encode_bounded, encode_lossless
 from .gridded import nearest_uniform
 from .knots import Coded
 from .lattice import on_uniform_grid
@@ -36,7 +36,6 @@ from .plan import Promise, without_glitches
 from .predict import encode_best
 from .source import InputBlock, declared_range
 from .split import PADDING_PERIODS, slow_for_telling
-from .tubed import code_lines
 from .unit import (
     ENCODE_LEVEL,
     STEP_LIMIT,

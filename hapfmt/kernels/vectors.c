@@ -1,5 +1,5 @@
 /* Few lines for all axes of a vector, their knots on one clock; the readable twin, step for step, is
-   hapfmt/encoder/vectors.py. Each axis has a search of its own; the way that goes on is the first of
+   hapfmt/encoder/tube.py. Each axis has a search of its own; the way that goes on is the first of
    its generation. */
 #include "links.h"
 #include <stdlib.h>

@@ -14,19 +14,21 @@ from typing import Any, NamedTuple, TypeVar
 
 from ..errors import HARMLESS, FormatError, TruncatedError, UnsupportedError, verdict_of
 from ..format.cluster import parse_rows, parse_table_head
-from ..format.description import described_size, parse_description
 from ..format.extras import (
+    FIRST_OFFSET,
+    NS_LIMIT,
     Attachment,
     ClockMap,
     ClockObservation,
+    Foot,
     parse_attachment,
     parse_clock,
+    parse_foot,
     parse_map,
     parse_metadata,
 )
-from ..format.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
 from ..format.source import ByteSource
-from ..format.track import Contract, Track, TrackTable
+from ..format.track import Contract, Track, TrackTable, described_size, parse_description
 from ..format.walk import Chunk, Finding, header_at, read_chunk
 from ..format.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
 from ..limits import LEVELS, Level, Limits

@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from ..errors import HARMLESS, FormatError
-from ..format.index import MS_LIMIT, IndexEntry, parse_index
+from ..format.extras import MS_LIMIT, IndexEntry, parse_index
 from ..format.track import Track
 from ..format.walk import Finding, read_chunk
 from .catalogue import Catalogue, ChannelRef

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from ..errors import FormatError, ParameterError
 from ..files import Closing
 from ..format.cluster import Packet, parse_cluster, salvage_cluster
-from ..format.index import FIRST_OFFSET
+from ..format.extras import FIRST_OFFSET
 from ..format.source import is_url, open_source
 from ..format.track import Track
 from ..format.walk import Chunk, Finding, header_at, read_chunk, walk
@@ -27,8 +27,7 @@ from .opening import learn_checkpoint, lose_chunk, no_signature
 from .packets import PacketPass, Seconds, tick_range
 
 if TYPE_CHECKING:
-    from .channels import Band
-    from .decoder import DecodedPiece, TrackDecoder
+    from .decoder import Band, DecodedPiece, TrackDecoder
 
 INTERVAL = 0.2
 """Seconds between two looks at the file."""
@@ -278,7 +277,7 @@ class WantedPackets:
 
     def tracks(self) -> list[Track]:
         """As far as they are described."""
-        from .channels import wanted_tracks
+        from .decoder import wanted_tracks
 
         chosen = [
             ref

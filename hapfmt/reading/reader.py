@@ -18,7 +18,6 @@ from ..errors import (
     channels_called,
     verdict_of,
 )
-from ..events import Event
 from ..files import Closing
 from ..format.cluster import Packet
 from ..format.extras import Attachment, ClockMap, ClockObservation
@@ -28,12 +27,22 @@ from ..format.walk import Chunk, Finding, read_chunk
 from ..limits import Limits
 from ..numbers import counted
 from ..numbers import exact as exact_number
-from ..recording import Recording
+from ..recording import Event, Recording
 from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
-from .channels import BANDS, Assembly, Band, Decoded, events_of, wanted_tracks
 from .damage import LostSpan
-from .decoder import DecodedPiece, PieceDecoder, TrackDecoder, TrackDigest
+from .decoder import (
+    BANDS,
+    Assembly,
+    Band,
+    Decoded,
+    DecodedPiece,
+    PieceDecoder,
+    TrackDecoder,
+    TrackDigest,
+    events_of,
+    wanted_tracks,
+)
 from .opening import lose_chunk, open_catalogue
 from .packets import BATCH, Batch, PacketPass, Seconds, batches, tick_range
 

@@ -25,15 +25,15 @@ from ..errors import (
     UnsupportedError,
     verdict_of,
 )
-from ..format.index import INDEX_EVERY, IndexEntry, ceil_ms, check_listing, floor_ms, parse_index
+from ..format.extras import INDEX_EVERY, IndexEntry, ceil_ms, check_listing, floor_ms, parse_index
 from ..format.track import Component, Contract, lone_lf, unsupported_track
 from ..format.walk import read_chunk
 from ..format.wire import HEADER_SIZE
 from ..limits import TICK_LIMIT, Limits
 from ..recording import Calibration, Channel, Recording
 from .catalogue import Catalogue, ChannelRef, TrackPair
-from .channels import intersect
 from .damage import damage_report, told
+from .decoder import intersect
 from .reader import DigestCheck, Reader
 
 

@@ -25,8 +25,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..numbers import exact
-from .frames import Frame, FrameBlock
-from .profile.model import Actuator, CountLimits, Profile
+from .profile.model import Actuator, CountLimits, Frame, FrameBlock, Profile
 
 COUNT_LIMIT = 2**53
 """Whole numbers up to here are exact as float64."""

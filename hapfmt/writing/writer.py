@@ -16,16 +16,14 @@ from ..convert import refuse_foreign
 from ..encoder.encode import Decision, Encoded, encode
 from ..encoder.settings import INPUT, INPUT_SIZE, Settings, alias_note, lossy_preset, renamed
 from ..errors import ParameterError, unknown
-from ..events import by_layer
 from ..files import refuse, target
 from ..format.cluster import Packet
-from ..format.description import build_track
 from ..format.extras import Attachment, build_attachment, build_metadata
-from ..format.track import Track
+from ..format.track import Track, build_track
 from ..format.wire import check_file_id
 from ..limits import LEVELS
 from ..reading.decoder import TrackDecoder, TrackDigest
-from ..recording import Rate, Recording, Units, recording_of
+from ..recording import Rate, Recording, Units, by_layer, recording_of
 from ..version import __version__
 from .filewriter import FileWriter
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hapfmt.lab.scenes.integrators import INTEGRATORS
+from hapfmt.lab.scenes.contact import INTEGRATORS
 from report import integrator_runs as runs
 from report.integrator_runs import Long, Point, Reference
 from report.section import COLOURS, PALE, Cell, Options, Section, Spread, Table, drawn

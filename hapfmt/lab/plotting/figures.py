@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from ...errors import ParameterError
 from ...numbers import counted
-from ..survey.compare import Comparison
-from ..survey.views import ChannelView
+from ..compare import Comparison
+from ..views import ChannelView
 from . import panels
 from .pages import Sheet, Words, amount, grid_shape, one_unit, parts_of, placed
 from .panels import (

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import LimitError
 from ...recording import Channel, Recording
-from .description import FORCES, MOST_SAMPLES, Hand, Scene, Tool
-from .work import Work
+from .description import FORCES, MOST_SAMPLES, Hand, Scene, Tool, Work
 
 if TYPE_CHECKING:
     import numpy as np
@@ -131,10 +130,10 @@ def run_tool(
 ) -> dict[str, Floats]:
     """What its sensors would see without noise: [ticks] in newtons, metres, m/s, by channel.
 
-    ``solve`` stands for :func:`hapfmt.lab.scenes.integrators.integrate`.
+    ``solve`` stands for :func:`hapfmt.lab.scenes.contact.integrate`.
     """
     if tool.contact is None:
-        from .free import run_free
+        from .tool import run_free
 
         return run_free(tool, grid, of_hand, work, advance)
     from .touch import run_touching

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...recording import Calibration
-from .description import Sensor
+from .description import Sensor, Work
 from .motion import Floats
-from .work import Work
 
 RESOLUTION_BITS = 31
 READ_SAMPLES = 1 << 18

@@ -23,7 +23,7 @@ from .description import Study
 from .prepare import Prepared
 
 if TYPE_CHECKING:
-    from ...replay.process.report import ReplayReport
+    from ...replay.process.loop import ReplayReport
     from ...replay.profile.model import Profile
     from ...replay.render import Renderer
 

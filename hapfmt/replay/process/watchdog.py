@@ -27,7 +27,7 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 from ...errors import DeviceError, HapfmtError
-from ..frames import Frame, FrameSink
+from ..profile.model import Frame, FrameSink
 from ..sinks import open_sink
 from . import children
 from .children import clock, descriptor, seconds, start

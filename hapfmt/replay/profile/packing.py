@@ -14,8 +14,18 @@ from typing import NamedTuple
 from zlib import crc32
 
 from ...errors import ParameterError
-from ..frames import Frame
-from .model import Const, Counter, Crc32, HidReport, Mapped, One, Profile, ReportLayout, Samples
+from .model import (
+    Const,
+    Counter,
+    Crc32,
+    Frame,
+    HidReport,
+    Mapped,
+    One,
+    Profile,
+    ReportLayout,
+    Samples,
+)
 
 Values = tuple[float, ...]
 """What an actuator's counts stand for, from its lowest count to its highest."""

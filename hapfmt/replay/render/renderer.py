@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import ParameterError
-from ...format.index import NS_LIMIT
+from ...format.extras import NS_LIMIT
 from ...format.track import Track
 from ...limits import TICK_LIMIT
 from ...numbers import exact
@@ -19,11 +19,20 @@ from ...reading.damage import LostSpan, lost_lines
 from ...reading.packets import Seconds
 from ...reading.reader import Reader
 from ...recording import Calibration
-from ..frames import FrameBlock
-from ..profile.model import Profile
+from ..profile.model import FrameBlock, Profile
 from .assign import Assignment, Route, name_of
-from .feed import Band, ChannelResampler, DeviceGrid, Kernel, Meaning, Shape, kernel, samples_in
-from .stream import PacketQueue, PacketSource
+from .feed import (
+    Band,
+    ChannelResampler,
+    DeviceGrid,
+    Kernel,
+    Meaning,
+    PacketQueue,
+    PacketSource,
+    Shape,
+    kernel,
+    samples_in,
+)
 
 BLOCK_S = Fraction(1, 20)
 BLOCK_TICKS = 1 << 18

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from ...errors import DeviceError, ParameterError
-from ..frames import Frame
-from ..profile.model import HidReport
+from ..profile.model import Frame, HidReport
 
 PATH_WIDTH = len("feature")
 

@@ -22,8 +22,7 @@ from ...errors import DeviceError, MissingExtraError, ParameterError
 from ..profile.matching import Descriptor, SystemDevice, check_fit, choose, parse_descriptor
 
 if TYPE_CHECKING:
-    from ..frames import Frame
-    from ..profile.model import HidReport, Profile
+    from ..profile.model import Frame, HidReport, Profile
 
 BUSES = {1: "usb", 2: "bluetooth", 3: "i2c", 4: "spi"}
 CLOSE_WAIT_S = 6.0

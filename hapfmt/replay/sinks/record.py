@@ -18,8 +18,7 @@ from ...convert.csv import column_name, tick_times
 from ...errors import ParameterError
 from ...files import atomic_write, refuse
 from ...recording import Calibration
-from ..frames import Frame
-from ..profile.model import Actuator, HidReport, Profile
+from ..profile.model import Actuator, Frame, HidReport, Profile
 
 ROWS_AT_ONCE = 1 << 12
 DENOMINATORS = (10**3, 10**6, 10**9, 10**12, 10**15)

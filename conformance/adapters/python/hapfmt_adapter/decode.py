@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from hapfmt.codecs.events import CodedEvent
-from hapfmt.format.description import split
 from hapfmt.format.extras import parse_clock, parse_map
 from hapfmt.format.layout import TRACK
-from hapfmt.format.track import Track
+from hapfmt.format.track import Track, split
 from hapfmt.format.walk import read_chunk
 from hapfmt.format.wire import HEADER_SIZE, id_text
 from hapfmt.reading.catalogue import Catalogue, ChannelRef, ChunkRef
-from hapfmt.reading.channels import Assembly, Band, Decoded
+from hapfmt.reading.decoder import Assembly, Band, Decoded
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Channel, Span
 

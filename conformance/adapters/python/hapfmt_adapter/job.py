@@ -8,9 +8,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from hapfmt.events import Event
 from hapfmt.limits import Limits
-from hapfmt.recording import Calibration, Channel, Recording, Span, append_span
+from hapfmt.recording import Calibration, Channel, Event, Recording, Span, append_span
 
 from .decode import TEXTS
 from .raw import read_numbers

@@ -10,17 +10,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...codecs.grids import UNIFORM, LpcParameters
-from ...codecs.quantised import QuanParameters
-from ...errors import HapfmtError
-from ...events import Event
-from ...format.track import Contract, Track
-from ...reading.catalogue import ChannelRef, TrackPair
-from ...reading.channels import Assembly, build_channel, join
-from ...reading.damage import LostSpan
-from ...reading.packets import tick_range
-from ...reading.reader import Reader
-from ...recording import Channel, Recording
+from ..codecs.grids import UNIFORM, LpcParameters
+from ..codecs.quantised import QuanParameters
+from ..errors import HapfmtError
+from ..format.track import Contract, Track
+from ..reading.catalogue import ChannelRef, TrackPair
+from ..reading.damage import LostSpan
+from ..reading.decoder import Assembly, build_channel, join
+from ..reading.packets import tick_range
+from ..reading.reader import Reader
+from ..recording import Channel, Event, Recording
 
 PART = 1 << 20
 """Approximate number of samples, of all channels, decoded at a time; they take 20 MB."""

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import ParameterError
-from ...reading.channels import intersect
-from ...recording import Calibration, Channel
-from ..metrics import rmse, snr_hf_db
+from ..errors import ParameterError
+from ..reading.decoder import intersect
+from ..recording import Calibration, Channel
+from .metrics import rmse, snr_hf_db
 from .parts import Described, FileParts, Parts
 from .views import Builder, ChannelView, empty_view
 
 if TYPE_CHECKING:
-    from ...encoder.settings import Tolerance
+    from ..encoder.settings import Tolerance
 
 SNR_SAMPLES = 1 << 22
 """The SNR of the texture uses the longest common runs, up to this number of samples of all channels
