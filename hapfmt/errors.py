@@ -100,6 +100,10 @@ class MovedTimesWarning(UserWarning):
     """The times of a table were moved onto a regular grid of ticks, or to another zero."""
 
 
+class DataWarning(UserWarning):
+    """What was given is kept, but may not be what was meant: a unit that is not known, say."""
+
+
 class LateError(HapfmtError):
     """A replay stopped itself, since it or the device could not keep up."""
 
