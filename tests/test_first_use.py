@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from commands import run
 
 import hapfmt
-from hapfmt import Channel, Recording
+from hapfmt import Channel, ParameterError, Recording
 from hapfmt.errors import DataWarning
 
 SINE = np.sin(np.arange(2000) / 50)
@@ -66,3 +68,68 @@ class TestUnits:
         assert done.returncode == 0 and done.stderr.count(note) == 1
         done = run("encode", "x.npy", "z.hapf", "--rate", 1000, "--unit", "{raw}", cwd=tmp_path)
         assert done.returncode == 0 and b"not known" not in done.stderr
+
+
+def damaged(tmp_path: Path) -> tuple[Path, bytes]:
+    """A file of which one packet is broken, and its bytes before."""
+    path = tmp_path / "bad.hapf"
+    x = np.random.default_rng(1).normal(size=(3, 20_000))
+    hapfmt.write(
+        x, path, rate=1000, labels=["a", "b", "c"], cluster=5, references=False, canonical=7
+    )
+    data = path.read_bytes()
+    with hapfmt.Reader(data) as reader:
+        at = reader.catalogue.data[1].offset + 40_000
+    path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
+    return path, data
+
+
+class TestReports:
+    def test_they_print_what_the_command_line_prints(self, tmp_path: Path) -> None:
+        path, _ = damaged(tmp_path)
+        report = hapfmt.verify(path)
+        done = hapfmt.recover(path, tmp_path / "good.hapf")
+        for each, verb, out in ((report, "verify", ()), (done, "recover", ("again.hapf",))):
+            assert each.summary and repr(each).splitlines()[1:] == [f"  {s}" for s in each.summary]
+            assert max(map(len, repr(each).splitlines())) < 120
+            shown = run(verb, "bad.hapf", *out, cwd=tmp_path)
+            for sentence in each.summary:
+                assert sentence in (shown.stdout + shown.stderr).decode()
+            assert each.headline() in shown.stdout.decode()
+
+    def test_against(self, tmp_path: Path) -> None:
+        hapfmt.write(SINE, tmp_path / "x.hapf", rate=1000)
+        report = hapfmt.verify(tmp_path / "x.hapf", against=hapfmt.read(tmp_path / "x.hapf"))
+        assert repr(report).splitlines() == [
+            "Report: intact; 1 packet, 2000 samples",
+            "  every sample equals the original; none is missing, none was added",
+        ]
+
+    def test_losses_have_labels_and_seconds(self, tmp_path: Path) -> None:
+        path, _ = damaged(tmp_path)
+        done = hapfmt.recover(path, tmp_path / "good.hapf")
+        assert [(p.labels, p.start, p.stop) for p in done.lost] == [(("b",), 5.0, 10.0)]
+        assert hapfmt.verify(path).lost == done.lost
+
+    def test_damage_is_as_large_as_the_packet_that_is_lost(self, tmp_path: Path) -> None:
+        path, data = damaged(tmp_path)
+        first, *_ = hapfmt.verify(path).summary
+        size = int(first.split(", ")[1].split(" bytes")[0])
+        assert first.startswith("damage in 1 place, ") and 30_000 < size < 45_000 < len(data) / 9
+        with hapfmt.Reader(path) as reader:
+            reader.read()
+            assert "1 damaged place, 1 lost part" in repr(reader)
+
+    @pytest.mark.parametrize("call", [hapfmt.verify, hapfmt.Reader, hapfmt.edit.Original])
+    def test_a_recording_is_no_file(self, call: Callable[[Any], Any], tmp_path: Path) -> None:
+        rec = Recording.from_array(SINE, 1000)
+        message = "a file is a path, a URL, bytes or a binary stream, not a Recording"
+        with pytest.raises(ParameterError, match=message):
+            call(rec)
+        with pytest.raises(ParameterError, match=message):
+            hapfmt.recover(rec, tmp_path / "x.hapf")  # type: ignore[arg-type]
+
+    def test_read_names_recover(self, tmp_path: Path) -> None:
+        path, _ = damaged(tmp_path)
+        with pytest.raises(hapfmt.FormatError, match=r"hapfmt\.recover\(file, into\) writes"):
+            hapfmt.read(path)

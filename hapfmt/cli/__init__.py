@@ -83,15 +83,16 @@ class Verbs(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         shown: set[str] = set()
 
-        def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+        def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
             if not issubclass(category, DataWarning):
-                others(message, category, *place)
+                others(message, category, *place, **more)
             elif str(message) not in shown:
                 shown.add(str(message))
                 screen.note(str(message))
 
         with warnings.catch_warnings():
-            others, warnings.showwarning = warnings.showwarning, show
+            others = warnings.showwarning
+            warnings.showwarning = show
             warnings.simplefilter("always", DataWarning)
             return super().invoke(ctx)
 

@@ -104,8 +104,8 @@ def write(
     if settings is not None and (preset is not None or options):
         raise ParameterError("give settings, or a preset with options, not both")
     if settings is None:
-        if preset is not None and (note := alias_note(preset)):
-            warnings.warn(note, DeprecationWarning, stacklevel=2)
+        if preset is not None and (old := alias_note(preset)):
+            warnings.warn(old, DeprecationWarning, stacklevel=2)
         name, given = renamed("lossless" if preset is None else preset, options)
         try:
             settings = Settings.of(name, **given)
