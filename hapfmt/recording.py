@@ -210,7 +210,7 @@ def rows_of(
 def upright(x: Any, labelled: int | None, transpose: bool | None, what: str, advice: str) -> Any:
     """[channels, samples], transposed where that was asked for.
 
-    Nobody records more channels than samples by intent, so that needs labels that agree, or
+    More channels than samples are a likely mistake. They need labels that agree, or
     ``transpose=False``.
     """
     if transpose is not None:
@@ -474,7 +474,7 @@ _OLD_NAMES = {
     "physical": ("samples", "channel.samples() or channel.to_numpy()"),
     "dense": ("filled", "channel.filled() or channel.to_numpy()"),
 }
-"""Of a channel: the attribute that does the same, and the advice."""
+"""Old attributes of a channel: the one that does the same, and the advice."""
 
 _SHOWN_CHANNELS = 6
 _SHOWN_ROWS = 100

@@ -107,7 +107,7 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
         say(f"unknown chunks: {' '.join(report.unknown)}")
     if report.contracts:
         checks = report.contracts
-        # Of a narrow terminal: what is zero everywhere goes early, the last line says it.
+        # On a narrow terminal, columns of zeros go first; the last line names them.
         headers = [
             Column("label"), Column("#", 9), Column("error bound"),
             Column("outside", 0 if any(check.outside for check in checks) else 5),
@@ -132,7 +132,7 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
 
 
 def verdict(report: Report) -> str:
-    """Of the file, and how it differs from the original in the number of samples."""
+    """The verdict on the file, and how its number of samples differs from the original's."""
     missing = sum(check.missing for check in report.contracts)
     added = sum(check.invented for check in report.contracts)
     differences = []

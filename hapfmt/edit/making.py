@@ -136,8 +136,8 @@ class Original(Closing):
         return error
 
     def check_known(self, tracks: Sequence[Track]) -> None:
-        """Packets are copied whatever their codec; of another kind of track nobody knows what its
-        description refers to."""
+        """Packets of any codec are copied. A track of an unknown kind is refused, since its
+        description may refer to anything."""
         for track in tracks:
             if track.unsupported and not track.unsupported.startswith("codec "):
                 raise UnsupportedError(
@@ -676,7 +676,7 @@ def slow_alone(track: Track, residual: Track) -> Track:
 def residual_alone(track: Track, residual: Track) -> Track:
     """The HF track in full band, described as its base is; B of the calibration is 0 (DEC-005).
 
-    Nobody recorded it by itself: its contract is an aim.
+    It was not recorded by itself: its contract is an aim.
     """
     components = tuple(
         replace(c, calibration=Affine(c.calibration.a, 0, c.calibration.d))

@@ -223,8 +223,8 @@ class Extras:
         return header.track == NO_TRACK or header.track in self.tracks
 
     def may_be_copied(self, chunk: Chunk) -> bool:
-        """Of an unknown type: always where nothing else changes; a critical one always, since
-        without it the file would seem to be understood."""
+        """Whether to copy a chunk of an unknown type: always if nothing else changes. A critical
+        chunk is always copied: without it the file would seem to be understood."""
         if chunk.header.payload_size > self.catalogue.level.payload_size:
             return False
         safe = chunk.header.type[3].islower()

@@ -189,7 +189,7 @@ class ClockMap:
         return k0 + rdiv((k1 - k0) * (time_ns - t0), t1 - t0)
 
     def _line(self, after: int) -> Sequence[tuple[int, int]]:
-        """Of the last point that is not after something; before the first, the first line."""
+        """The line from the last point at or before something, else the first line."""
         first = min(max(after - 1, 0), len(self.points) - 2)
         return self.points[first : first + 2]
 

@@ -186,7 +186,7 @@ class Reader(Closing):
 
     @property
     def _layers(self) -> list[Track]:
-        """Of events, those that this version knows how to decode."""
+        """The event tracks that this version can decode."""
         return [layer for layer in self.catalogue.layers if not layer.unsupported]
 
     @property
@@ -489,7 +489,7 @@ class Reader(Closing):
         refuse_omission(count, last, self.source.path)
 
     def lost_parts(self, chosen: Sequence[ChannelRef], band: Band) -> list[LostSpan]:
-        """What nobody can give for want of a description: LF tracks without their HF track
+        """Packets that lack a description for decoding: LF tracks without their HF track
         (DEC-003), and tracks that a known one continues."""
         parts = {part.track.id: part for ref in chosen for part in ref.parts}
         bare = [p.track for p in parts.values() if p.track.kind == "lf" and not p.residual]

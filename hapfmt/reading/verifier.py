@@ -450,7 +450,7 @@ def check_packets(
                 )
         digests.add(piece)
     parts = reader.lost_parts(catalogue.channels, "full")
-    # Of a track that is not described the packets themselves were named.
+    # The packets of a track without a description were named themselves.
     reader.lost.extend(span for span in parts if span.track in catalogue.tracks)
     report.digests = len(digests.stored)
     digests.compare({span.track for span in reader.lost})

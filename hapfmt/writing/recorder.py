@@ -545,7 +545,7 @@ class Recorder:
 
 
 def shut(queue: SampleQueue[Item], worker: Worker, process: int) -> None:
-    """Close the file of a recorder that nobody holds any more, or at the end of the program."""
+    """Close the file of a recorder without references, or at the end of the program."""
     if os.getpid() == process and threading.current_thread() is not worker.thread:
         with suppress(Exception):
             queue.put(partial(worker.finish, dict), wake=True)

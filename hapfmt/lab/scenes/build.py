@@ -21,7 +21,7 @@ MOST_HEIGHTS = 1 << 28
 """Points of a height field that are kept: 2 GiB."""
 
 GROUPS = {"position": "tip position", "velocity": "tip velocity", "force": "tip"}
-"""Of a tool's channels whose three axes are all recorded."""
+"""Vectors of a tool's channels, where all three axes are recorded."""
 
 Progress = Callable[[int, int], None]
 
@@ -65,7 +65,7 @@ def simulate(scene: Scene, *, progress: Progress | None = None) -> tuple[Recordi
 
 
 def labels(scene: Scene) -> dict[str, list[str]]:
-    """Of the channels that a scene will have, by part."""
+    """Labels of the channels that a scene will have, by part."""
     found = {}
     if scene.tool:
         found["tool"] = list(scene.tool.recorded)

@@ -45,7 +45,7 @@ Speed = Annotated[float, Meta(ge=1e-3, le=1)]
 Hertz = Annotated[float, Meta(ge=0.1, le=50)]
 
 MOST_SAMPLES = 1 << 28
-"""Of a recording, all channels together: 2 GiB while they are made."""
+"""Most samples of a recording, all channels together: 2 GiB while they are made."""
 
 STIFFEST_N_PER_M = 1e7
 """A steel rod of 1 cm^2 and 2 m."""
