@@ -59,9 +59,10 @@ COUNT_BITS = range(2, 33)
 class Input:
     """One channel to be recorded.
 
-    ``rate``: ticks per second, a positive Fraction. With a ``calibration`` integer counts of
-    ``bits`` signed bits come in. With an ``lsb``, the step in ``unit``, floats come in and are put
-    on its multiples: half of it is declared as deviation. With neither floats are kept bit for bit.
+    ``rate``: ticks per second, a positive Fraction. With a ``calibration`` the samples are
+    integers of ``bits`` signed bits. Without one they are floats in ``unit``. An ``lsb`` is a step
+    in ``unit``: floats are rounded to its multiples, and the file declares half of it as deviation.
+    Without ``lsb`` floats are kept bit for bit.
     """
 
     label: str
@@ -92,7 +93,7 @@ class Input:
 
     @property
     def takes_counts(self) -> bool:
-        """Whether integer counts come in, else floats."""
+        """True if the samples are integer counts, False if they are floats."""
         return self.calibration is not None
 
 

@@ -323,10 +323,10 @@ def verify(
     threads: int | None = None,
     file_id: int | None = None,
 ) -> Report:
-    """Check everything the SPEC says of a file; with ``against`` its contracts as well.
+    """Check a file against every rule of the SPEC, and with ``against`` its error bounds too.
 
-    Raises only OSError, and ParameterError where ``against`` does not belong to the file.
-    ``threads``, ``file_id``: as for a Reader.
+    ``against`` is the original recording. ``threads``, ``file_id``: as for a Reader. Damage is in
+    the report. Raises only OSError, and ParameterError if ``against`` does not belong to the file.
     """
     report = Report()
     try:
