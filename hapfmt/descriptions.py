@@ -247,7 +247,7 @@ TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "array": ((list, tuple), "a list"),
     "object": ((dict,), "a table of keys and values"),
 }
-"""Of JSON: what they are in Python, and in words."""
+"""Types of JSON: their Python types, and their names in messages."""
 
 
 def advice(value: Any, node: dict[str, Any]) -> str:

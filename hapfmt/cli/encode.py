@@ -80,9 +80,9 @@ def bound_text(contract: Contract | None, component: Component, index: int) -> s
 
 
 GROUPED = 16
-"""Of more channels than this, neighbours that were kept alike share a line."""
+"""Above this number of channels, neighbours that were kept alike share a line."""
 TRIED_TICKS = 1 << 13
-"""Of each channel, for the estimate of another preset."""
+"""Samples of each channel for the estimate of another preset."""
 FLOATING = ("stored as float", "kept as doubles")
 MAX_ERROR = "0.1%"
 

@@ -193,7 +193,7 @@ def summary(status: Status) -> str:
 
 
 def dropped(status: Status) -> str:
-    """Of the first few channels."""
+    """The dropped samples of the first few channels."""
     parts = [f"{label} {count}" for label, count in list(status.dropped.items())[:10]]
     return f"dropped {counted(status.dropped_count, 'sample')}: {', '.join(parts)}"
 

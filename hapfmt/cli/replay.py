@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ..replay.sinks.record import RecordSink
 
 ENDLESS = 0
-"""Of --loop without a number."""
+"""Value of --loop without a number."""
 
 METERED = 1000
 """Frames from one step of the progress bar to the next."""

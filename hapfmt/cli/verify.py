@@ -101,7 +101,7 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
         say(f"unknown chunks: {' '.join(report.unknown)}")
     if report.contracts:
         checks = report.contracts
-        # Of a narrow terminal: what is zero everywhere goes early, the last line says it.
+        # On a narrow terminal, columns of zeros go first; the last line names them.
         headers = [
             Column("label"), Column("#", 9), Column("error bound"),
             Column("outside", 0 if any(check.outside for check in checks) else 5),

@@ -72,7 +72,7 @@ class Joining:
         self.labels: dict[int, str] = {}
         self.notes: list[str] = []
         self.added: list[tuple[dict[int, int], dict[int, int], range]] = []
-        """Of each file: new ids by old ones, channel numbers by old ones, which ids are new."""
+        """For each file: new ids by old ones, channel numbers by old ones, which ids are new."""
 
     def plan(
         self, number: int, shift: Fraction = Fraction(0), *, only_new: bool = False
@@ -182,7 +182,7 @@ class Joining:
         if residual is not None and theirs is not None:
             mine.append((residual, self.tracks[theirs]))
         alike = (residual is None) == (theirs is None) and all(joinable(a, b) for a, b in mine)
-        # Nobody knows what a TLV that is not known here speaks of.
+        # An unknown TLV may refer to anything.
         if alike and not any(one.unknown for pair in mine for one in pair):
             self.widen(last.id, track)
             return last.id

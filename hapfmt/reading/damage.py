@@ -23,7 +23,7 @@ ANYWHERE = 1 << 63
 
 
 class Times(NamedTuple):
-    """Milliseconds that lost packets lie within; ``stop`` None: nobody knows how long."""
+    """Milliseconds that contain lost packets; ``stop`` None: the end is unknown."""
 
     start: int = 0
     stop: int | None = None
@@ -403,7 +403,7 @@ def seconds_lost(
 
 
 def name_of(track: Track) -> str:
-    """Of a track that is part of no channel."""
+    """The name of a track that is part of no channel."""
     if track.kind == "events" and track.components and track.components[0].label:
         return f"events {track.components[0].label}"
     return "events" if track.kind == "events" else f"track {track.id}"

@@ -21,17 +21,17 @@ MOST_HEIGHTS = 1 << 28
 """Points of a height field that are kept: 2 GiB."""
 
 GROUPS = {"position": "tip position", "velocity": "tip velocity", "force": "tip"}
-"""Of a tool's channels whose three axes are all recorded."""
+"""Vectors of a tool's channels, where all three axes are recorded."""
 
 Progress = Callable[[int, int], None]
 
 
 def simulate(scene: Scene, *, progress: Progress | None = None) -> tuple[Recording, Work]:
-    """The recording of a scene, and what it took.
+    """Simulate a scene; returns the recording and the counters of work.
 
-    The same scene gives the same counts on one machine and one version of NumPy; what is taken out
-    of a scene changes nothing of the rest, but for what it did to it. ``progress`` is called with
-    (parts done, parts in all).
+    The same scene gives the same counts on one machine and one version of NumPy. A part that is
+    left out changes only the samples that it affects. ``progress`` is called with (parts done,
+    parts in all).
 
     Memory: the counts, 8 bytes a sample of one channel (of a tool: of all its channels), 6 MB, and
     for a texture 8 bytes for each step.
@@ -65,7 +65,7 @@ def simulate(scene: Scene, *, progress: Progress | None = None) -> tuple[Recordi
 
 
 def labels(scene: Scene) -> dict[str, list[str]]:
-    """Of the channels that a scene will have, by part."""
+    """Labels of the channels that a scene will have, by part."""
     found = {}
     if scene.tool:
         found["tool"] = list(scene.tool.recorded)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 RATE_HZ = 48_000
 HEADROOM = 0.5
-"""Of the reference's largest value: a condition may overshoot by as much again."""
+"""Level of the reference's largest value: a condition may overshoot to twice that value."""
 RAMP_S = 0.02
 """Raised cosine at both ends, against clicks."""
 PCM_24 = Calibration(1, 0, 1 << 23)

@@ -237,7 +237,7 @@ class AnswerFile:
                 tell(f"{path}: the last line was torn ({torn} bytes) and is ignored")
             begun = found is not None and bool(found.lines)
             self.answers = found if found is not None and begun else Answers(head)
-            # A first line without an answer binds nobody.
+            # A file that holds no answer yet may belong to any study.
             self.size = len(data) - torn if begun else 0
             os.ftruncate(self.descriptor, self.size)
             if not begun:

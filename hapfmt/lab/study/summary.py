@@ -23,7 +23,7 @@ LEVEL = 0.95
 
 
 class Mean(NamedTuple):
-    """Of n numbers; the interval is None where one number says nothing of others."""
+    """Mean of n numbers; the interval is None for a single number."""
 
     n: int
     mean: float
@@ -91,15 +91,15 @@ class StudySummary(NamedTuple):
     unfinished: tuple[Subject, ...]
     screened_out: tuple[str, ...]
     rows: tuple[SummaryRow, ...]
-    """Of all subjects."""
+    """Rows over all subjects."""
     kept: tuple[SummaryRow, ...]
-    """Of those who were not screened out; none where nobody is left."""
+    """Rows over the subjects who were not screened out; empty if all were."""
     sessions: tuple[str, ...]
     notes: tuple[str, ...]
 
 
 def summarise(answers: Sequence[Answers]) -> StudySummary:
-    """Of the answers of one study, each subject's in one of them."""
+    """Summary of the answers of one study; each element has the answers of one subject."""
     if not answers:
         raise ParameterError("a summary needs answers")
     first = answers[0]

@@ -27,7 +27,7 @@ DESCRIPTOR_LIMIT = 4096
 REPORT_LIMIT = 16384
 """Bytes of a report; as in Linux (HID_MAX_BUFFER_SIZE)."""
 DEPTH_LIMIT = 64
-"""Of collections within collections, and of pushed states."""
+"""Deepest nesting of collections, and of pushed states."""
 
 DATA_SIZES = (0, 1, 2, 4)
 LONG_ITEM = 0xFE
@@ -44,7 +44,7 @@ class Item(NamedTuple):
     tag: int
     value: int
     size: int
-    """Of the value, in bytes."""
+    """Size of the value, in bytes."""
 
 
 class Globals(NamedTuple):
@@ -140,7 +140,7 @@ def parse_descriptor(data: bytes) -> Descriptor:
                 state = changed(state, item)
                 uses_ids = uses_ids or item.tag == REPORT_ID
         elif item.type == LOCAL and item.tag in (USAGE, USAGE_MINIMUM):
-            # Of several before a collection Linux takes the first and hidapi the last: all count.
+            # Linux takes the first of several before a collection, hidapi the last: all count.
             local.append(item)
     if depth:
         fail("it ends within a collection", len(data))

@@ -256,7 +256,7 @@ LONGEST_REPORT = 4096
 """Bytes; a HID report may have 16 KiB in Linux, far more than any endpoint takes in a frame."""
 PLY = {"requirement": "PLY-001"}
 END = r"(?![\s\S])"
-"""Of a pattern, in Python and in JSON schemas; $ takes a newline in Python."""
+"""End of a pattern, in Python and in JSON schemas; $ matches before a newline in Python."""
 
 Name = Annotated[
     str,
@@ -266,8 +266,8 @@ Name = Annotated[
         description="a name of letters, digits, '-', '_' and '.', a letter first",
     ),
 ]
-"""Of a profile or an actuator. It begins with a letter, since a number stands for a place, and
-leaves out what separates names on a command line."""
+"""Name of a profile or an actuator. It begins with a letter, since a number is a place. It has
+no character that separates names on a command line."""
 Text = Annotated[str, Meta(max_length=4000)]
 Label = Annotated[str, Meta(max_length=255)]
 Unit = Annotated[
@@ -472,7 +472,7 @@ class MappedKeys(TableKeys, FieldKeys, frozen=True):
 
 
 class CoveredKeys(TableKeys, frozen=True):
-    """Of which bytes a CRC-32 is."""
+    """The bytes that a CRC-32 covers."""
 
     seed: Byte | None = None
     start: Annotated[int, Meta(ge=0, le=LONGEST_REPORT)] = named(name="from", default=0)
@@ -571,7 +571,7 @@ def parse_profile(text: str, path: str | None = None) -> Profile:
 
 
 def profile_of(values: Any, text: str) -> Profile:
-    """Of what the TOML says."""
+    """The profile that the values of a TOML file describe."""
     keys = read(ProfileKeys, values)
     profile = Profile(
         name=keys.name,

@@ -103,7 +103,7 @@ def find(profile: Profile, path: str | bytes | None = None) -> SystemDevice:
 
 
 def read_descriptor(path: bytes) -> Descriptor:
-    """Of the device there, which is opened for it and closed again."""
+    """Opens the device at this path, reads its report descriptor and closes it."""
     sink = HidSink(path)
     sink.open()
     try:
@@ -157,7 +157,7 @@ class HidSink:
         return f"{self.place}: the device cannot be opened: {told_by(handle) or error}"
 
     def descriptor(self) -> Descriptor:
-        """Of the open device."""
+        """The report descriptor of the open device."""
         with self.lock:
             handle = self.opened()
             if not hasattr(handle, "get_report_descriptor"):
