@@ -101,7 +101,7 @@ class MovedTimesWarning(UserWarning):
 
 
 class DataWarning(UserWarning):
-    """What was given is kept, but may not be what was meant: a unit that is not known, say."""
+    """hapfmt kept the data, but they may not be as the caller meant: an unknown unit, say."""
 
 
 class LateError(HapfmtError):

@@ -281,7 +281,7 @@ class Recovery:
     dropped_unknown: list[str] = field(default_factory=list)
 
     def headline(self) -> str:
-        """What is in the new file, and whether anything was lost."""
+        """The numbers of packets and samples in the new file, and whether anything was lost."""
         line = f"{counted(self.packets, 'packet')}, {counted(self.samples, 'sample')}"
         if self.exit_code == DAMAGED:
             return f"{line}; with loss"

@@ -267,8 +267,8 @@ def lost_parts(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[LostPart]
 
 
 def damaged_areas(findings: Iterable[Finding]) -> list[tuple[int, int]]:
-    """The bytes that damage took, those that touch as one. Of a chunk with a wrong checksum they
-    are its damaged packets, since the others are still read."""
+    """The bytes that damage took; areas that touch become one. A chunk with a wrong checksum counts
+    with its damaged packets alone, since the others can be read."""
     found = [f for f in findings if f.code not in HARMLESS]
     inner = sorted(f.offset for f in found if f.code in OF_PAYLOADS)
     areas = []

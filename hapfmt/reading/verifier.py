@@ -304,14 +304,14 @@ class Report:
         return VERDICTS[self.exit_code]
 
     def headline(self) -> str:
-        """The verdict and what was found, in one line."""
+        """The verdict and the numbers of packets and samples, in one line."""
         facts = [counted(self.packets, "packet"), counted(self.samples, "sample")]
         facts += [counted(self.digests, "SHA-256 checksum")] if self.digests else []
         facts += [counted(self.events, "event")] if self.events else []
         return f"{self.judgement()}; {', '.join(facts)}"
 
     def judgement(self) -> str:
-        """Of the file, and how it differs from the original in the number of samples."""
+        """The verdict on the file, and how its number of samples differs from the original's."""
         missing = sum(check.missing for check in self.contracts)
         added = sum(check.invented for check in self.contracts)
         differences = []
