@@ -204,7 +204,7 @@ def largest_error(views: list[ChannelView]) -> list[str]:
 def footnotes(
     parts: Parts, views: list[ChannelView], start: Fraction | None, stop: Fraction | None
 ) -> list[str]:
-    lines = told(parts, start, stop)
+    lines = damage_of(parts, start, stop)
     missing = sum(view.only_original for view in views)
     if missing:
         verb = "is" if missing == 1 else "are"
@@ -212,7 +212,9 @@ def footnotes(
     return lines
 
 
-def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = "") -> list[str]:
+def damage_of(
+    parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = ""
+) -> list[str]:
     """Damage of the file, in a few lines."""
     from ..lab.parts import FileParts
     from ..reading.damage import lost_lines

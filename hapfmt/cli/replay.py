@@ -290,10 +290,10 @@ def recording(
 
     head = reader.catalogue.head
     source = head.uuid.hex() if head and head.uuid else None
-    told = {**played, "source_uuid": source}
-    content = json.dumps([told, profile.text]).encode()
+    metadata = {**played, "source_uuid": source}
+    content = json.dumps([metadata, profile.text]).encode()
     canonical = int.from_bytes(hashlib.sha256(content).digest()[:8], "little") if dry_run else None
-    return RecordSink(target, profile, metadata=told, force=force, canonical=canonical)
+    return RecordSink(target, profile, metadata=metadata, force=force, canonical=canonical)
 
 
 def rehearsed(

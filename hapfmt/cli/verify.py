@@ -66,14 +66,14 @@ def verify(
     hapfmt verify touch.hapf
     hapfmt verify touch.hapf --against original.npz
     """
-    from ..reading.verifier import verify as check
+    from ..reading.verifier import verify as verify_file
 
     refuse_transpose(transpose, (against,), input_format)
     original = None
     if against:
         original, _ = load_recording(against, input_format, rate, max_memory, transpose=transpose)
     with progress("verifying") as advance:
-        report = check(
+        report = verify_file(
             input_of(file),
             against=original,
             file_id=file_id,

@@ -88,7 +88,7 @@ def annotate(
         known = known_layers(catalogue)
         made: list[Track] = []
         packets: list[Packet] = []
-        for layer, own in by_layer(named(event, labels) for event in events).items():
+        for layer, own in by_layer(with_channel_number(event, labels) for event in events).items():
             track = known.get(layer)
             if track is None:
                 id_ = max([*catalogue.tracks, -1]) + 1 + len(made)
@@ -112,7 +112,7 @@ def annotate(
     return notes
 
 
-def named(event: Event, labels: Sequence[str]) -> Event:
+def with_channel_number(event: Event, labels: Sequence[str]) -> Event:
     """A text that is a number and not a label is taken as a channel number."""
     channel = event.channel
     if isinstance(channel, str) and channel not in labels and channel.isascii():

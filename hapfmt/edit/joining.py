@@ -342,11 +342,11 @@ def by_epoch(
     """Offsets to the nearest whole ticks, and what that moved."""
     offsets, notes = [], []
     for original, period in zip(originals, periods, strict=True):
-        told = Fraction(epoch_of(original) - epoch_of(first), NS)
-        offset = nearest(told, period)
+        distance = Fraction(epoch_of(original) - epoch_of(first), NS)
+        offset = nearest(distance, period)
         offsets.append(offset)
-        if offset != told:
-            moved = float(offset - told)
+        if offset != distance:
+            moved = float(offset - distance)
             notes.append(f"{original.name}: {moved:+.3g} s from its epoch, to whole ticks")
     return offsets, notes
 

@@ -214,8 +214,8 @@ class FileParts:
             self.refs = self.reader.select([ref.number for ref in self.refs])
             assembly = self.reader.assembly(self.refs, start, stop)
         # If a pass has found the missing spans, parts add only packets that fail to decode.
-        told = [s for s in self.reader.lost if not self.passed or s.offset is None]
-        self.lost += [span for span in told if span not in self.lost]
+        new = [s for s in self.reader.lost if not self.passed or s.offset is None]
+        self.lost += [span for span in new if span not in self.lost]
         return [block_of(assembly, ref) for ref in self.refs]
 
     def find_lost(self) -> None:

@@ -76,7 +76,7 @@ class Errors:
     def hear(self, line: str) -> None:
         if line.startswith('{"watchdog": '):
             with suppress(ValueError, KeyError, TypeError):
-                self.watchdog = told(json.loads(line)["watchdog"])
+                self.watchdog = watchdog_text(json.loads(line)["watchdog"])
                 return
         if line and len(self.lines) < LINES:
             self.lines.append(line[:COLUMNS])
@@ -88,7 +88,7 @@ class Errors:
             self.lines.append(f"a process has not ended after {seconds:.0f} s more")
 
 
-def told(state: dict[str, Any]) -> str:
+def watchdog_text(state: dict[str, Any]) -> str:
     text = f"tripped: {state['cause']}; the device took {state['sent']} neutral frames"
     return text + (f", {state['failed']} not: {state['error']}" if state["failed"] else "")
 

@@ -503,15 +503,15 @@ class Player:
             self.trouble = "the writer did not come to rest in time"
         elif self.on_status is not None and self.status and now - self.status_at > STATUS_S:
             self.status_at = now
-            told = self.status
+            status = self.status
             self.on_status(
                 PlayerStatus(
                     self.position(),
-                    told["state"],
-                    told["sent"],
-                    told["skipped"],
-                    told["under_runs"],
-                    told["max_late_us"],
+                    status["state"],
+                    status["sent"],
+                    status["skipped"],
+                    status["under_runs"],
+                    status["max_late_us"],
                 )
             )
 

@@ -108,7 +108,7 @@ class Watchdog:
             if now - self.alive_at >= ALIVE_S:
                 self.alive_at = now
                 self.target.send(pack_json(Kind.ALIVE))
-            self.tell_asked()
+            self.report_signal()
             self.source.wait(min(self.setup.heartbeat_s - silent_s, ALIVE_S))
 
     def listen(self) -> None:
@@ -121,7 +121,7 @@ class Watchdog:
             # Malformed messages mean that the writer is faulty.
             self.source.ended = True
 
-    def tell_asked(self) -> None:
+    def report_signal(self) -> None:
         if self.asked:
             self.target.send(pack_json(Kind.GOODBYE, signal=self.asked.pop()))
 
