@@ -38,7 +38,7 @@ from .numbers import exact as to_fraction
 from .units import given_units, split_name
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Event:
     """A text at ``time``, in seconds from the zero of the recording, valid for ``duration``.
 
@@ -68,6 +68,14 @@ class Event:
             raise ParameterError("the text and the layer of an event must be strings")
         if self.channel is not None and not isinstance(self.channel, (int, str)):
             raise ParameterError("the channel of an event must be a number, a label or None")
+
+    def __repr__(self) -> str:
+        """One line: seconds, text, and the other members that are set."""
+        parts = [f"Event {float(self.time):.9g} s {_short(self.text, 80)!r}"]
+        parts += [f"{float(self.duration):.9g} s long"] if self.duration else []
+        parts += [f"channel {self.channel!r}"] if self.channel is not None else []
+        parts += [f"layer {_short(self.layer)!r}"] if self.layer else []
+        return ", ".join(parts)
 
 
 def in_order(events: Iterable[Event]) -> list[Event]:
@@ -484,6 +492,8 @@ _OLD_NAMES = {
 
 _SHOWN_CHANNELS = 6
 _SHOWN_ROWS = 100
+SHOWN_LINES = 20
+"""Channels that a printed object names."""
 
 
 class Span(NamedTuple):
@@ -1130,32 +1140,48 @@ class Recording:
         channels, samples = counted(len(self), "channel"), counted(self.sample_count, "sample")
         lines = [f"Recording: {channels}, {samples}, {_seconds(self)}"]
         lines[0] += f", {counted(len(self.events), 'event')}" if self.events else ""
-        shown = self.channels if len(self) <= _SHOWN_CHANNELS else self.channels[:5]
-        lines += [
-            f"  {number}  {_short(c.label)!r}  {c.stored.size} samples at {c.rate:.6g} Hz  "
-            f"{_short(c.unit)}" + (f"  {counted(len(c.gaps), 'gap')}" if c.gaps else "")
-            for number, c in enumerate(shown)
+        rows = [
+            (
+                str(number),
+                repr(_short(c.label)),
+                f"{counted(c.stored.size, 'sample')} at {c.rate:.6g} Hz",
+                _short(c.unit),
+                counted(len(c.gaps), "gap") if c.gaps else "",
+            )
+            for number, c in enumerate(self.channels[:SHOWN_LINES])
         ]
-        if len(shown) < len(self):
-            lines.append(f"  ... and {len(self) - len(shown)} more (rec.labels lists all)")
+        lines += aligned(rows)
+        if len(rows) < len(self):
+            more = counted(len(self) - len(rows), "more channel")
+            lines.append(f"  ... and {more} (rec.labels lists all)")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         """A table for notebooks; every text of the file is escaped."""
-        from html import escape
-
         rows = [
             (str(number), c.label, c.unit, f"{c.rate:.6g} Hz", str(c.stored.size), _span_text(c),
              str(len(c.gaps)))
             for number, c in enumerate(self.channels[:_SHOWN_ROWS])
         ]  # fmt: skip
         head = ("", "label", "unit", "rate", "samples", "seconds", "gaps")
-        lines = ["".join(f"<th>{text}</th>" for text in head)]
-        lines += ["".join(f"<td>{escape(_short(text, 80))}</td>" for text in row) for row in rows]
-        more = len(self) - len(rows)
-        body = "".join(f"<tr>{line}</tr>" for line in lines)
-        first = escape(repr(self).split("\n", 1)[0])
-        return f"<p>{first}</p><table>{body}</table>" + (f"<p>and {more} more</p>" if more else "")
+        return html_table(repr(self).split("\n", 1)[0], head, rows, len(self) - len(rows))
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of text with their columns below each other."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [("  " + "  ".join(map(str.ljust, row, widths))).rstrip() for row in rows]
+
+
+def html_table(first: str, head: Sequence[str], rows: Sequence[Sequence[str]], more: int) -> str:
+    """A line and a table of channels for notebooks; all texts are escaped."""
+    from html import escape
+
+    lines = ["".join(f"<th>{text}</th>" for text in head)]
+    lines += ["".join(f"<td>{escape(_short(text, 80))}</td>" for text in row) for row in rows]
+    body = "".join(f"<tr>{line}</tr>" for line in lines)
+    rest = f"<p>and {counted(more, 'more channel')}</p>" if more else ""
+    return f"<p>{escape(first)}</p><table>{body}</table>{rest}"
 
 
 def extent(
@@ -1193,7 +1219,9 @@ def _span_text(channel: Channel) -> str:
 
 
 def _seconds(recording: Recording) -> str:
-    return f"{float(recording.duration):.6g} s"
+    begun = [c.start_tick / c.rate_exact for c in recording if c.coverage]
+    start = float(min(begun, default=0))
+    return (f"{start:.6g} to " if start else "") + f"{float(recording.duration):.6g} s"
 
 
 def _short(text: str, size: int = 40) -> str:

@@ -133,3 +133,46 @@ class TestReports:
         path, _ = damaged(tmp_path)
         with pytest.raises(hapfmt.FormatError, match=r"hapfmt\.recover\(file, into\) writes"):
             hapfmt.read(path)
+
+
+class TestPrinting:
+    def test_twenty_channels_in_columns(self) -> None:
+        rec = Recording.from_array(np.zeros((20, 50)), 1000)
+        assert len(repr(rec).splitlines()) == 21 and "more" not in repr(rec)
+        rec = Recording.from_array(np.zeros((21, 50)), 1000)
+        *_, ninth, tenth, last = [*repr(rec).splitlines()[:11], repr(rec).splitlines()[-1]]
+        assert ninth.index("50 samples") == tenth.index("50 samples")
+        assert last == "  ... and 1 more channel (rec.labels lists all)"
+
+    def test_a_part_shows_where_it_begins(self) -> None:
+        rec = Recording.from_array(SINE, 1000)
+        assert repr(rec).startswith("Recording: 1 channel, 2000 samples, 2 s\n")
+        assert repr(rec.sel(start=1, stop=1.5)).startswith(
+            "Recording: 1 channel, 500 samples, 1 to 1.5 s\n"
+        )
+
+    def test_summary(self, tmp_path: Path) -> None:
+        rec = Recording.from_array(np.zeros((21, 50)), 1000, labels=[f"<{i}>" for i in range(21)])
+        summary = hapfmt.write(rec, tmp_path / "x.hapf")
+        assert len(repr(summary).splitlines()) == 22
+        assert "... and 1 more channel (" in repr(summary)
+        assert summary._repr_html_().count("<tr>") == 22 and "&lt;20&gt;" in summary._repr_html_()
+
+    def test_event(self) -> None:
+        assert repr(hapfmt.Event(3, "contact")) == "Event 3 s 'contact'"
+        event = hapfmt.Event(0.5, "x", 2, "fx", layer="notes")
+        assert repr(event) == "Event 0.5 s 'x', 2 s long, channel 'fx', layer 'notes'"
+
+    def test_recorder_and_status(self, tmp_path: Path) -> None:
+        path = tmp_path / "x.hapf"
+        with hapfmt.Recorder(path, [hapfmt.Input("a", 1000, "N")]) as recorder:
+            recorder.write("a", SINE[:1500])
+            recorder.flush()
+            status, shown = recorder.status(), repr(recorder)
+        size = status.file_size
+        assert shown == f"Recorder {str(path)!r}: 1 channel, 1.5 s, {size} bytes"
+        assert repr(status).startswith(
+            "Status: 1.5 s, 1500 samples taken, 0 missing, 0 dropped, 1500 written; "
+            f"2 clusters, {size} bytes in the file, 1.5 s survive a crash, encoded "
+        ) and repr(status).endswith(" times as fast as recorded")
+        assert repr(recorder).endswith("bytes, closed")

@@ -25,7 +25,7 @@ from ..encoder.live import Input
 from ..encoder.settings import Settings
 from ..errors import LimitError, ParameterError, unknown
 from ..limits import TICK_LIMIT
-from ..numbers import exact
+from ..numbers import counted, exact
 from ..recording import Event
 from .clusters import ClusterGrid, SampleRows, code, observation
 from .start import Options, Start
@@ -202,7 +202,7 @@ class Lanes:
             self.silent.difference_update(lane.channels)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Status:
     """The state of a recording in progress.
 
@@ -220,8 +220,10 @@ class Status:
         seconds that survive a crash.
     blocked_s
         seconds that the caller waited for room in the queue.
-    busy_s, factor
-        CPU seconds of the encoding thread, and seconds recorded in each of them.
+    busy_s
+        CPU seconds of the encoding thread.
+    factor
+        seconds of the recording that the thread encodes in one CPU second; below 1 it is too slow.
     """
 
     seconds: float = 0.0
@@ -236,6 +238,17 @@ class Status:
     blocked_s: float = 0.0
     busy_s: float = 0.0
     factor: float = 0.0
+
+    def __repr__(self) -> str:
+        """One line, with units."""
+        queued = f", {self.queued_size} bytes in the queue" if self.queued_size else ""
+        speed = f", encoded {self.factor:.3g} times as fast as recorded" if self.factor else ""
+        return (
+            f"Status: {self.seconds:.6g} s, {counted(self.taken, 'sample')} taken, {self.missing} "
+            f"missing, {self.dropped_count} dropped, {self.written} written{queued}; "
+            f"{counted(self.cluster_count, 'cluster')}, {self.file_size} bytes in the file, "
+            f"{self.flushed_s:.6g} s survive a crash{speed}"
+        )
 
     @property
     def dropped_count(self) -> int:
@@ -358,6 +371,7 @@ class Recorder:
             clock_maps,
             canonical,
         )
+        self.name = f" {os.fspath(file)!r}" if isinstance(file, (str, os.PathLike)) else ""
         self.on_full = on_full
         self.queue: SampleQueue[Item] = SampleQueue(queue_size)
         self.turn = Turn(self.queue)
@@ -390,6 +404,18 @@ class Recorder:
                 raise
             if second is not error:
                 error.add_note(f"and the recording was not closed: {second}")
+
+    def __repr__(self) -> str:
+        """One line: the file, the channels, and their state."""
+        status = self.status()
+        facts = [
+            counted(len(self.inputs), "channel"),
+            f"{status.seconds:.6g} s",
+            f"{status.file_size} bytes",
+            *([f"{counted(status.dropped_count, 'sample')} dropped"] if status.dropped else []),
+            *(["closed"] if self.turn.closed else []),
+        ]
+        return f"Recorder{self.name}: {', '.join(facts)}"
 
     @property
     def inputs(self) -> list[Input]:

@@ -22,14 +22,24 @@ from ..format.extras import Attachment, build_attachment, build_metadata
 from ..format.track import Track, build_track
 from ..format.wire import check_file_id
 from ..limits import LEVELS
+from ..numbers import counted
 from ..reading.decoder import TrackDecoder, TrackDigest
-from ..recording import Rate, Recording, Units, by_layer, recording_of
+from ..recording import (
+    SHOWN_LINES,
+    Rate,
+    Recording,
+    Units,
+    aligned,
+    by_layer,
+    html_table,
+    recording_of,
+)
 from ..units import unknown_unit
 from ..version import __version__
 from .filewriter import FileWriter
 
-SHOWN = 6
-"""Channels that a printed summary names."""
+SHOWN_ROWS = 100
+"""Channels that a summary shows in a notebook."""
 
 NAMED = ("rate", "labels", "units", "transpose", "canonical", "force", "progress", "threads")
 """Options of :func:`write` that are no settings."""
@@ -46,18 +56,37 @@ class Summary:
 
     def __repr__(self) -> str:
         """One line for the file and one for each of the first channels."""
-        lines = [f"Summary: {self.file_size} bytes, {self.sample_count} samples"]
-        for decision in self.decisions[:SHOWN]:
-            error = (
-                f"{decision.largest_error:.3g} {decision.unit}" if decision.largest_error else "0"
-            )
-            lines.append(
-                f"  {decision.label or decision.channel!r}: {decision.kept_as}, "
-                f"{decision.size} bytes, largest error {error}"
-            )
-        if len(self.decisions) > SHOWN:
-            lines.append(f"  and {len(self.decisions) - SHOWN} more channels")
+        rows = [
+            (repr(label), kept_as, size, f"largest error {error}")
+            for label, kept_as, size, error in self._rows(SHOWN_LINES)
+        ]
+        lines = [self._headline(), *aligned(rows)]
+        if len(self.decisions) > len(rows):
+            more = counted(len(self.decisions) - len(rows), "more channel")
+            lines.append(f"  ... and {more} (summary.decisions lists all)")
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """A table for notebooks."""
+        rows = self._rows(SHOWN_ROWS)
+        head = ("label", "kept as", "size", "largest error")
+        return html_table(self._headline(), head, rows, len(self.decisions) - len(rows))
+
+    def _headline(self) -> str:
+        samples = counted(self.sample_count, "sample")
+        return f"Summary: {self.file_size} bytes, {samples}"
+
+    def _rows(self, count: int) -> list[tuple[str, str, str, str]]:
+        """Label, form, size and largest error of the first channels."""
+        return [
+            (
+                each.label or f"channel {each.channel}",
+                each.kept_as,
+                f"{each.size} bytes",
+                f"{each.largest_error:.3g} {each.unit}" if each.largest_error else "0",
+            )
+            for each in self.decisions[:count]
+        ]
 
 
 def write(
