@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import (
+    DataWarning,
     LimitError,
     MissingExtraError,
     MovedTimesWarning,
@@ -110,7 +111,7 @@ CHANNEL_LIMIT = LAST_TRACK_ID // 2
 
 def recording_of(
     data: Any,
-    rate: Rate | None = None,
+    rate: Rates | None = None,
     *,
     labels: str | Sequence[str] | None = None,
     units: Units | None = None,
@@ -128,26 +129,62 @@ def recording_of(
         if isinstance(data, Recording):
             return data
         return Recording((data,) if isinstance(data, Channel) else tuple(data))
+    if isinstance(rate, (list, tuple, np.ndarray)) or (
+        isinstance(rate, Mapping) and (_frame_of(data) is not None or not isinstance(data, Mapping))
+    ):
+        raise ParameterError(
+            "rate is one number here; for several rates give {label: array} with "
+            "rate={label: samples per second}, or a list of hapfmt.Channel.from_physical(x, rate)"
+        )
     frame = _frame_of(data)
     if frame is not None:
         if transpose is not None:
             raise ParameterError("transpose is for arrays; a table has a column for each channel")
+        assert not isinstance(rate, Mapping)
         return _recording_of_frame(frame, rate, labels, units)
     if isinstance(data, Mapping):
+        keys = [str(name) for name in data]
         rows = [_row(value, str(name)) for name, value in data.items()]
-        labels, units = _described([str(name) for name in data], labels, units)
+        labels, units = _described(keys, labels, units)
     else:
+        keys = []
         rows = rows_of(data, labels, transpose)
     if rate is None:
         raise ParameterError("an array has no rate; give one, such as rate=1000")
     names = _for_each(labels, "labels", len(rows)) or [f"ch{i + 1}" for i in range(len(rows))]
+    rates = _rates(rate, names, keys)
+    sizes = [len(row) for row in rows]
+    if not isinstance(rate, Mapping) and len(set(sizes)) > 1:
+        pairs = [*zip(names, sizes, strict=True)][:_SHOWN_CHANNELS]
+        listed = ", ".join(f"{name}: {size}" for name, size in pairs)
+        warnings.warn(
+            f"the arrays have different lengths ({listed}) and one rate, {rate} Hz; "
+            "rate={label: samples per second} gives each its own",
+            DataWarning,
+            stacklevel=3,
+        )
     codes = given_units(_units(units, names), stacklevel=3)
     return Recording(
         tuple(
-            channel_of(row, rate, label=name, unit=code)
-            for row, name, code in zip(rows, names, codes, strict=True)
+            channel_of(row, own, label=name, unit=code)
+            for row, own, name, code in zip(rows, rates, names, codes, strict=True)
         )
     )
+
+
+def _rates(rate: Rates, labels: Sequence[str], keys: Sequence[str]) -> list[Rate]:
+    """The rate of each array; a dict names it by label, or by the key of its array."""
+    if not isinstance(rate, Mapping):
+        return [rate] * len(labels)
+    for name in rate:
+        if name not in labels and name not in keys:
+            raise UnknownChannelError(unknown("channel", name, labels))
+    found = []
+    for label, key in zip(labels, keys, strict=True):
+        if label not in rate and key not in rate:
+            raise ParameterError(f"rate has no entry for channel {label!r}")
+        found.append(rate[label] if label in rate else rate[key])
+    return found
 
 
 def _recording_of_frame(
@@ -242,7 +279,10 @@ def _numbers(x: Any, what: str) -> NDArray[Any]:
     try:
         array: NDArray[Any] = np.asanyarray(x)
     except ValueError:
-        raise ParameterError(f"{what} has rows of different lengths") from None
+        raise ParameterError(
+            f"{what} has rows of different lengths; give {{label: array}}, and for several rates "
+            "rate={label: samples per second}"
+        ) from None
     if array.dtype == object:
         raise ParameterError(
             f"{what} holds Python objects, not numbers; convert it with .astype(float)"
@@ -475,6 +515,8 @@ __all__ = ["CHANNEL_LIMIT", "channel_of", "recording_of", "to_pandas", "to_xarra
 
 
 Rate = Fraction | float | str
+Rates = Rate | Mapping[str, Rate]
+"""One rate, or {label: rate}."""
 Seconds = Fraction | float
 
 EPOCH_LIMIT = 1 << 63
@@ -929,15 +971,17 @@ class Recording:
     def from_array(
         cls,
         x: Any,
-        rate: Rate | None = None,
+        rate: Rates | None = None,
         *,
         labels: str | Sequence[str] | None = None,
         units: str | Sequence[str] | Mapping[str, str] | None = None,
         transpose: bool | None = None,
+        events: Iterable[Event] | None = None,
     ) -> Recording:
         """A recording of an array or a table; the arguments are those of :func:`hapfmt.write`."""
 
-        return recording_of(x, rate, labels=labels, units=units, transpose=transpose)
+        made = recording_of(x, rate, labels=labels, units=units, transpose=transpose)
+        return made if events is None else replace(made, events=(*made.events, *events))
 
     def __len__(self) -> int:
         return len(self.channels)
@@ -1020,8 +1064,9 @@ class Recording:
         Samples keep their times. Events of other channels, and events outside these seconds, are
         left out. Raises UnknownChannelError, and ParameterError if stop is not after start.
         """
-        if start is not None and stop is not None and to_fraction(stop) <= to_fraction(start):
-            raise ParameterError(f"No samples in this time range: {start} to {stop} s")
+        check_seconds(start, stop)
+        if start is not None and to_fraction(start) >= self.duration > 0:
+            warnings.warn(past_end(start, self.duration), DataWarning, stacklevel=2)
         places = self._places_of(labels)
         channels = [self.channels[place] for place in places]
         if start is not None or stop is not None:
@@ -1201,6 +1246,24 @@ def seconds_of(first: int, last: int, rate: Fraction) -> NDArray[np.float64]:
     ticks = np.arange(first, last).astype(np.float64)
     seconds: NDArray[np.float64] = ticks * float(rate.denominator) / float(rate.numerator)
     return seconds
+
+
+def past_end(start: Seconds, duration: Fraction) -> str:
+    """The warning where a part begins after the end of the recording."""
+    return (
+        f"no samples from {float(to_fraction(start)):g} s on; the end is at {float(duration):g} s"
+    )
+
+
+def check_seconds(start: Seconds | None, stop: Seconds | None) -> None:
+    """ParameterError where the time range is empty."""
+    low = to_fraction(0 if start is None else start)
+    if stop is not None and to_fraction(stop) <= low:
+        swapped = "; start is after stop" if to_fraction(stop) < low else ""
+        raise ParameterError(
+            f"No samples in this time range: {float(low):g} to {float(to_fraction(stop)):g} s"
+            f"{swapped}"
+        )
 
 
 def _check_ticks(values: int, limit: int) -> None:

@@ -19,6 +19,8 @@ from hapfmt.convert import FORMATS, read, save
 from hapfmt.errors import HapfmtError, LimitError, MissingExtraError, ParameterError
 from hapfmt.recording import Calibration, Channel, Recording, Span
 
+pytestmark = pytest.mark.filterwarnings("ignore::hapfmt.errors.MovedTimesWarning")
+
 DATA = Path(__file__).parents[2] / "shared" / "data"
 RECORDINGS = sorted(DATA.glob("**/*.npz"))
 RATES = [

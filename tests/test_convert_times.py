@@ -13,6 +13,8 @@ from hapfmt.convert import read
 from hapfmt.errors import ParameterError
 from hapfmt.recording import Recording, Span
 
+pytestmark = pytest.mark.filterwarnings("ignore::hapfmt.errors.MovedTimesWarning")
+
 
 def table(times: Iterable[str], *, head: str = "t [s]", rate: float | None = None) -> Recording:
     rows = "".join(f"{time},{row}\n" for row, time in enumerate(times))

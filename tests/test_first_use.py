@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from commands import run
 
 import hapfmt
 from hapfmt import Channel, ParameterError, Recording
-from hapfmt.errors import DataWarning
+from hapfmt.errors import DataWarning, MovedTimesWarning
 
 SINE = np.sin(np.arange(2000) / 50)
 TYPO = "unit 'Newtno' is not known; did you mean 'N' \\(newton\\)\\? It is stored as the free text"
@@ -39,6 +40,7 @@ class TestUnits:
             hapfmt.write(Channel(SINE, 1000, unit="Newtno"), tmp_path / "x.hapf")
         assert hapfmt.read(tmp_path / "x.hapf")[0].unit == "Newtno"
 
+    @pytest.mark.filterwarnings("error")
     @pytest.mark.parametrize("unit", ["{raw}", "{Newtno}", "count", "N", "newtons", "", "m/s^2"])
     def test_known_units_and_texts_in_braces_are_silent(self, unit: str) -> None:
         assert Recording.from_array(SINE, 1000, units=unit)[0].unit
@@ -176,3 +178,89 @@ class TestPrinting:
             f"2 clusters, {size} bytes in the file, 1.5 s survive a crash, encoded "
         ) and repr(status).endswith(" times as fast as recorded")
         assert repr(recorder).endswith("bytes, closed")
+
+
+class TestWriting:
+    def test_a_rate_for_each_label(self, tmp_path: Path) -> None:
+        data = {"fx [N]": SINE, "pos": SINE[:500]}
+        for rate in ({"fx": 1000, "pos": 250}, {"fx [N]": 1000, "pos": 250}):
+            hapfmt.write(data, tmp_path / "x.hapf", rate=rate, force=True)
+            back = hapfmt.read(tmp_path / "x.hapf")
+            assert [c.rate for c in back] == [1000, 250] and back["fx"].unit == "N"
+            assert back.duration == 2
+        with pytest.raises(hapfmt.UnknownChannelError, match="'fy'; did you mean 'fx'"):
+            Recording.from_array(data, {"fy": 1000, "pos": 250})
+        with pytest.raises(ParameterError, match="rate has no entry for channel 'pos'"):
+            Recording.from_array(data, {"fx": 1000})
+
+    @pytest.mark.parametrize("rate", [[1000, 250], {"a": 1000, "b": 250}])
+    def test_other_ways_to_give_rates_name_the_one_that_works(self, rate: Any) -> None:
+        with pytest.raises(ParameterError, match=r"rate=.label: samples per second.*from_physical"):
+            Recording.from_array(np.zeros((2, 50)), rate)
+        with pytest.raises(ParameterError, match=r"rate=.label: samples per second"):
+            Recording.from_array([SINE, SINE[:500]], 1000)
+
+    def test_lengths_that_differ_at_one_rate(self, tmp_path: Path) -> None:
+        data = {"fx": SINE, "pos": SINE[:500]}
+        words = r"different lengths \(fx: 2000, pos: 500\) and one rate, 1000 Hz"
+        with pytest.warns(DataWarning, match=words) as caught:
+            hapfmt.write(data, tmp_path / "x.hapf", rate=1000)
+        assert caught[0].filename == __file__
+
+    def test_events(self, tmp_path: Path) -> None:
+        event = hapfmt.Event(1, "contact", channel="ch1")
+        hapfmt.write(SINE, tmp_path / "x.hapf", rate=1000, events=[event])
+        assert [e.text for e in hapfmt.read(tmp_path / "x.hapf").events] == ["contact"]
+        rec = Recording.from_array(SINE, 1000, events=[event])
+        hapfmt.write(rec, tmp_path / "y.hapf", events=[hapfmt.Event(0.5, "more")])
+        assert [e.text for e in hapfmt.read(tmp_path / "y.hapf").events] == ["more", "contact"]
+        with pytest.raises(ParameterError, match=r"list of hapfmt\.Event"):
+            Recording.from_array(SINE, 1000, events=["contact"])  # type: ignore[list-item]
+
+    def test_a_label_twice(self, tmp_path: Path) -> None:
+        with pytest.warns(DataWarning, match="2 channels are called 'fx'"):
+            hapfmt.write([SINE, SINE], tmp_path / "x.hapf", rate=1000, labels=["fx", "fx"])
+
+    def test_a_preset_that_is_mistyped(self, tmp_path: Path) -> None:
+        with pytest.raises(ParameterError, match="did you mean 'near-lossless'"):
+            hapfmt.write(SINE, tmp_path / "x.hapf", rate=1000, preset="nearlossless")
+
+
+class TestReading:
+    def test_empty_time_ranges(self, tmp_path: Path) -> None:
+        path = tmp_path / "x.hapf"
+        hapfmt.write(SINE, path, rate=1000)
+        swapped = "time range: 5 to 2 s; start is after stop"
+        for call in (partial(hapfmt.read, path), hapfmt.read(path).sel):
+            with pytest.raises(ParameterError, match=swapped):
+                call(start=5, stop=2)
+            with pytest.warns(DataWarning, match="no samples from 50 s on; the end is at 2 s"):
+                assert call(start=50).sample_count == 0
+
+    def test_jittered_times_warn_as_tables_do(self, tmp_path: Path) -> None:
+        times = np.arange(200) / 100 + np.random.default_rng(1).uniform(-2e-3, 2e-3, 200)
+        table = tmp_path / "x.csv"
+        rows = "".join(f"{t:.6f},{t}\n" for t in times)
+        table.write_text("t [s],x [N]\n" + rows, encoding="utf-8")
+        with pytest.warns(MovedTimesWarning) as caught:
+            rec = hapfmt.read(table)
+        assert str(caught[0].message) in rec.metadata["notes"] and caught[0].filename == __file__
+        np.savez(tmp_path / "x.npz", x=SINE[:200], t=times)
+        with pytest.warns(MovedTimesWarning) as caught:
+            hapfmt.read(tmp_path / "x.npz")
+        assert caught[0].filename == __file__
+        done = run("encode", "x.csv", "x.hapf", cwd=tmp_path)
+        assert done.returncode == 0 and done.stderr.count(b"the sample times differ") == 1
+
+    @pytest.mark.parametrize("header", ["", "fx fy\n"])
+    def test_cells_between_spaces(self, tmp_path: Path, header: str) -> None:
+        np.savetxt(tmp_path / "x.txt", np.zeros((3, 2)), header=header.strip(), comments="")
+        with pytest.raises(ParameterError, match=r"separated by spaces; .*numpy\.loadtxt"):
+            hapfmt.read(tmp_path / "x.txt", rate=1000)
+
+    @pytest.mark.parametrize(("suffix", "way"), [(".mat", "scipy.io.loadmat"), (".h5", "h5py.Fi")])
+    def test_formats_of_other_libraries(self, tmp_path: Path, suffix: str, way: str) -> None:
+        path = tmp_path / f"x{suffix}"
+        path.write_bytes(b"\x00\x01" * 300)
+        with pytest.raises(ParameterError, match=f"{way}.*then call hapfmt.write"):
+            hapfmt.read(path)

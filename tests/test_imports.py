@@ -19,6 +19,8 @@ import hapfmt
 from hapfmt import Channel, ParameterError, Recording, Span
 from hapfmt.errors import LimitError
 
+pytestmark = pytest.mark.filterwarnings("ignore::hapfmt.errors.MovedTimesWarning")
+
 MAIN = "from hapfmt.cli import main; main()"
 
 

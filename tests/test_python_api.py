@@ -554,7 +554,7 @@ class TestWrite:
         assert found.coverage == (Span(0, 2), Span(3, 4)) and found.counts.tolist() == [1, 2, 4]
 
     def test_by_label_and_channels(self):
-        back = written({"a": np.arange(5.0), "b": np.arange(9)}, rate=10)
+        back = written({"a": np.arange(5.0), "b": np.arange(9)}, rate={"a": 10, "b": 10})
         assert back.labels == ["a", "b"] and back["b"].stored.size == 9
         channels = list(example())
         assert written(channels).labels == example().labels

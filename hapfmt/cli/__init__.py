@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from ..errors import DataWarning, HapfmtError, similar, unknown
+from ..errors import DataWarning, HapfmtError, MovedTimesWarning, similar, unknown
 from ..version import SPEC_VERSION, __version__
 from . import screen
 
@@ -94,6 +94,7 @@ class Verbs(click.Group):
             others = warnings.showwarning
             warnings.showwarning = show
             warnings.simplefilter("always", DataWarning)
+            warnings.simplefilter("ignore", MovedTimesWarning)  # the notes of a recording say it
             return super().invoke(ctx)
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002

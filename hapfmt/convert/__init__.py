@@ -114,6 +114,10 @@ def read(
             f"{type(file).__name__}; hapfmt.write writes an array or a table to a file, "
             "hapfmt.Recording.from_array makes a recording of it"
         )
+    if start is not None or stop is not None:
+        from ..recording import check_seconds
+
+        check_seconds(start, stop)
     if max_memory is not None and limits is None:
         limits = Limits(memory=max_memory)
     room = max_memory or (limits.memory if limits else None) or READ_MEMORY
@@ -215,7 +219,9 @@ def _format_of(
         return ".csv", stream
     if suffix in FOREIGN:
         known = " ".join([HAPF, *FORMATS])
-        raise ParameterError(f"the suffix {suffix!r} is not one of: {known}")
+        way = _LOADERS.get(suffix)
+        hint = f"; load its arrays with {way}, then call hapfmt.write(array, ...)" if way else ""
+        raise ParameterError(f"the suffix {suffix!r} is not one of: {known}{hint}")
     return HAPF, stream  # its reader says what is wrong
 
 
@@ -226,6 +232,14 @@ def _is_text(head: bytes) -> bool:
     )
 
 
+_LOADERS = {
+    **dict.fromkeys((".h5", ".hdf", ".hdf5"), "h5py.File"),
+    ".mat": "scipy.io.loadmat (h5py.File for version 7.3)",
+    ".parquet": "pandas.read_parquet",
+    ".xls": "pandas.read_excel",
+    ".xlsx": "pandas.read_excel",
+}
+"""Suffixes of formats that hapfmt does not read, and what reads them."""
 _SNIFFED = 512
 _TEXT = ("", ".txt", ".tsv", ".dat", ".asc")
 _MAGIC = {

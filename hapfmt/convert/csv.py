@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import warnings
 from array import array
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
@@ -14,7 +15,7 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LimitError, ParameterError
+from ..errors import LimitError, MovedTimesWarning, ParameterError
 from ..recording import Channel, Recording, Span, spans_at, unique
 from ..times import TIME_UNITS, TickGrid, TimeStamps, seconds_of_date, time_name
 from ..units import split_name, to_ucum
@@ -43,6 +44,18 @@ _GAP_ROWS = 1_000_000
 them."""
 _MILLISECONDS = 1e11
 """Times from here on, in a column that names no unit, are milliseconds or less since 1970."""
+
+
+_SPACES = (
+    "the cells are separated by spaces; hapfmt reads commas, semicolons and tabs; "
+    "numpy.loadtxt reads such a file, and hapfmt.write(array.T, ...) takes its array"
+)
+
+
+def _in_spaces(line: str) -> bool:
+    """Whether a line without another delimiter holds several numbers."""
+    cells = line[:1000].split()[:3]
+    return len(cells) > 1 and all(map(_NUMBER.fullmatch, cells))
 
 
 class _Lines:
@@ -124,6 +137,8 @@ class _Table:
         if outside_quotes.count(self._delimiter) > CHANNEL_LIMIT:
             raise ParameterError(f"line {lines.number}: more than {CHANNEL_LIMIT} columns")
         self._names = [cell.strip() for cell in next(self._reader([header]))]
+        if len(self._names) == 1 and _in_spaces(self._names[0]):
+            self._refuse(_SPACES)
         if all(_NUMBER.fullmatch(name) or not name for name in self._names):
             self._refuse("the first row holds numbers; a header row 'name [unit]' is expected")
         # Some programs write a delimiter at the end of each row: it does not start a column.
@@ -158,6 +173,8 @@ class _Table:
         else:
             grid = self._grid(len(x), rate)
         notes += grid.notes
+        for note in grid.notes:
+            warnings.warn(note, MovedTimesWarning, stacklevel=4)
         if self._lines.comments:
             notes.append(f"comment lines not carried over: {self._lines.comments}")
         named = [split_name(name) for name in self._names[first:]]
@@ -277,6 +294,8 @@ class _Table:
             return nan
         cell = self._with_point(cell, column)
         if _NUMBER.fullmatch(cell) is None:
+            if len(self._names) == 1 and _in_spaces(cell):
+                self._refuse(_SPACES)
             self._refuse(f"{cell[:40]!r} is not a number", column)
         value = float(cell)
         if isinf(value) and "inf" not in cell.lower():

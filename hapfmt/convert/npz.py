@@ -26,6 +26,7 @@ from __future__ import annotations
 import json
 import re
 import struct
+import warnings
 import zipfile
 import zlib
 from collections.abc import Collection
@@ -38,7 +39,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LimitError, ParameterError
+from ..errors import LimitError, MovedTimesWarning, ParameterError
 from ..limits import TICK_LIMIT
 from ..numbers import checked_rate
 from ..recording import Channel, Event, Recording, index_of_channel, spans_at, spans_of, unique
@@ -333,6 +334,8 @@ def _channels(
         grid = _grid(times, rate, ticks)
         found, ticks_at, epoch_ns = grid.rate, grid.ticks, grid.epoch_ns
         notes += grid.notes
+        for note in grid.notes:
+            warnings.warn(note, MovedTimesWarning, stacklevel=5)
     hertz = choose_rate(rate, found, notes)
     if times is not None and ticks_at is None:
         notes += _times_notes(times, hertz, ticks, starts[0])

@@ -21,7 +21,7 @@ from numbers import Real
 from typing import Any, Literal
 
 from ..codecs.knots import INTERPOLATIONS, Interpolation
-from ..errors import ParameterError
+from ..errors import ParameterError, similar
 from ..numbers import exact
 from ..recording import Calibration, Recording
 from ..units import conversion, to_ucum
@@ -290,7 +290,11 @@ class Settings:
         if isinstance(self.felt, str):
             object.__setattr__(self, "felt", (self.felt,))
         if self.preset not in PRESETS:
-            raise ParameterError(f"a preset is one of {', '.join(PRESETS)}, not {self.preset!r}")
+            meant = similar(str(self.preset), PRESETS)
+            hint = f"; did you mean {meant!r}?" if meant else ""
+            raise ParameterError(
+                f"a preset is one of {', '.join(PRESETS)}, not {self.preset!r}{hint}"
+            )
         self._refuse_unused()
         if self.interpolation not in INTERPOLATIONS:
             raise ParameterError(f"knots are joined by one of {', '.join(INTERPOLATIONS)}")

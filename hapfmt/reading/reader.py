@@ -6,6 +6,7 @@ The decoded numbers are compared with the stored checksums of tracks (dGST, SPEC
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from fractions import Fraction
 from typing import Any, BinaryIO
@@ -13,6 +14,7 @@ from uuid import UUID
 
 from ..errors import (
     HARMLESS,
+    DataWarning,
     FormatError,
     ParameterError,
     channels_called,
@@ -27,7 +29,7 @@ from ..format.walk import Chunk, Finding, read_chunk
 from ..limits import Limits
 from ..numbers import counted
 from ..numbers import exact as exact_number
-from ..recording import Event, Recording
+from ..recording import Event, Recording, past_end
 from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
 from .damage import LostSpan, damaged_areas
@@ -542,6 +544,8 @@ def read(
     with Reader(file, limits=limits, strict=True, scan=whole, threads=threads) as reader:
         recording = reader.read(channels, start, stop, band=band, exact=exact)
         reader.refuse_damage()
+        if start is not None and exact_number(start) >= reader.duration > 0:
+            warnings.warn(past_end(start, reader.duration), DataWarning, stacklevel=3)
         return recording
 
 

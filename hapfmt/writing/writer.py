@@ -6,8 +6,9 @@ import hashlib
 import os
 import uuid
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from typing import Any, BinaryIO, Literal
 
@@ -26,7 +27,8 @@ from ..numbers import counted
 from ..reading.decoder import TrackDecoder, TrackDigest
 from ..recording import (
     SHOWN_LINES,
-    Rate,
+    Event,
+    Rates,
     Recording,
     Units,
     aligned,
@@ -41,7 +43,17 @@ from .filewriter import FileWriter
 SHOWN_ROWS = 100
 """Channels that a summary shows in a notebook."""
 
-NAMED = ("rate", "labels", "units", "transpose", "canonical", "force", "progress", "threads")
+NAMED = (
+    "rate",
+    "labels",
+    "units",
+    "transpose",
+    "events",
+    "canonical",
+    "force",
+    "progress",
+    "threads",
+)
 """Options of :func:`write` that are no settings."""
 
 
@@ -94,10 +106,11 @@ def write(
     file: str | os.PathLike[str] | BinaryIO,
     settings: Settings | None = None,
     *,
-    rate: Rate | None = None,
+    rate: Rates | None = None,
     labels: str | Sequence[str] | None = None,
     units: Units | None = None,
     transpose: bool | None = None,
+    events: Iterable[Event] | None = None,
     preset: str | None = None,
     canonical: int | Literal["content"] | None = None,
     force: bool = False,
@@ -114,11 +127,14 @@ def write(
         more rows than columns is refused unless each row has a label: pass ``array.T`` or
         ``transpose``.
     rate
-        samples per second (1000, 35.618 or "44100/7"); arrays need it. A table may have times as
-        its index. A MovedTimesWarning reports times that the regular grid moved.
+        samples per second (1000, 35.618 or "44100/7"); arrays need it. {label: rate} gives each
+        array of a dict its own. A table may have times as its index. A MovedTimesWarning reports
+        times that the regular grid moved.
     labels, units
         one text for each channel; one unit may be for all, or {label: unit}. Without them, names
         of columns such as "fx [N]" or "fx (N)" give both.
+    events
+        hapfmt.Event to add to those of the recording.
     settings, preset, options
         choose the encoding: a :class:`hapfmt.Settings`, or a preset and any of its fields, such as
         ``preset="near-lossless", max_error="0.1%"``.
@@ -153,9 +169,10 @@ def write(
     if isinstance(file, (str, os.PathLike)):
         refuse_foreign(file)
     recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)
-    for unit in dict.fromkeys(channel.unit for channel in recording):
-        if (note := unknown_unit(unit, kept=unit)) is not None:
-            warnings.warn(note, DataWarning, stacklevel=2)
+    if events is not None:
+        recording = replace(recording, events=(*recording.events, *events))
+    for note in doubts_of(recording):
+        warnings.warn(note, DataWarning, stacklevel=2)
     check_file_id(None if canonical == "content" else canonical)
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
@@ -176,11 +193,11 @@ def write(
     if max(len(payload) for payload in extras) > level.payload_size:
         level = LEVELS[2]
     cluster = settings.cluster_of(recording)
-    layers, events = layers_of(recording, len(encoded.tracks), cluster)
+    layers, marks = layers_of(recording, len(encoded.tracks), cluster)
     tracks = [*encoded.tracks, *layers]
     own_uuid = recording.uuid or (uuid.uuid4() if canonical is None else None)
     if canonical == "content":
-        canonical = content_id(tracks, encoded.packets + events, extras)
+        canonical = content_id(tracks, encoded.packets + marks, extras)
     with target(file, force) as stream:
         out = FileWriter(
             stream,
@@ -194,17 +211,27 @@ def write(
         out.metadata(metadata)
         for attachment in attached:
             out.attach(attachment)
-        for packets in clusters(tracks, encoded.packets + events, cluster):
+        for packets in clusters(tracks, encoded.packets + marks, cluster):
             out.cluster(packets)
         if settings.digest:
             out.digest(digests_of(encoded))
         out.close()
     return Summary(
         out.offset,
-        sum(len(packet.data) for packet in encoded.packets + events),
+        sum(len(packet.data) for packet in encoded.packets + marks),
         recording.sample_count,
         tuple(encoded.decisions),
     )
+
+
+def doubts_of(recording: Recording) -> Iterator[str]:
+    """Units that are not known, and labels that several channels have."""
+    for unit in dict.fromkeys(channel.unit for channel in recording):
+        if (note := unknown_unit(unit, kept=unit)) is not None:
+            yield note
+    for label, count in Counter(recording.labels).items():
+        if count > 1 and label:
+            yield f"{count} channels are called {label!r}; rec[{label!r}] will find none of them"
 
 
 def content_id(tracks: Sequence[Track], packets: Sequence[Packet], extras: Sequence[bytes]) -> int:
