@@ -38,9 +38,9 @@ from .exact import (
     stretches,
     words_size,
 )
-from .gridded import Gridded, fine_grid, on_grid, without_odd_values
+from .gridded import Gridded, on_grid, without_odd_values
 from .knots import Coded
-from .lattice import Lattice, sparse
+from .lattice import Lattice, LatticeSearch, sparse
 from .plan import Promise, promises_of, vector_promise
 from .predict import shorten
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
@@ -143,6 +143,8 @@ class EncodeJob:
     settings: Settings
     originals: list[Channel]
     promises: list[Promise]
+    searches: list[LatticeSearch]
+    """Of each channel's values."""
     cluster: Fraction
     threads: int
 
@@ -175,7 +177,8 @@ def encode(
     calm = [without_odd_values(*pair) for pair in zip(recorded, promises, strict=True)]
     originals = [channel for channel, _ in calm]
     cluster = settings.cluster_of(recording)
-    job = EncodeJob(settings, originals, promises, cluster, threads)
+    searches = [LatticeSearch(channel.stored) for channel in originals]
+    job = EncodeJob(settings, originals, promises, searches, cluster, threads)
     count = len(recording)
     done = progress or (lambda _done, _all: None)
     parts = list(encode_parts(job, 0, count, lambda done_now: done(done_now, count)))
@@ -203,7 +206,10 @@ def encode_parts(
     numbers = range(first, stop)
 
     def gridded(number: int) -> Gridded:
-        return on_grid(job.originals[number], job.promises[number], settings)
+        search = job.searches[number]
+        found = on_grid(job.originals[number], job.promises[number], settings, search)
+        search.forget()
+        return found
 
     prepared = list(in_order(gridded, numbers, job.threads))
     whole = settings.preset == "perceptual" and settings.felt == ALL and not settings.texture
@@ -357,6 +363,10 @@ def with_lossless(
         settings=job.lossless,
         originals=recorded,
         promises=[Promise()] * len(recorded),
+        searches=[
+            search if channel.stored is calm.stored else LatticeSearch(channel.stored)
+            for channel, calm, search in zip(recorded, job.originals, job.searches, strict=True)
+        ],
     )
     rivals: list[PlacedUnit] = []
     doubtful = [small or may_lose(part) for part in parts]
@@ -475,7 +485,7 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         )
     spans = tuple(cut(channel.coverage, channel.rate_exact, job.cluster, len(channels)))
     if channel.calibration is None:
-        return encode_floating(channel, spans, first_channel)
+        return encode_floating(channel, spans, first_channel, job.searches[first_channel])
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
@@ -509,8 +519,9 @@ def encode_source(
             assert channel.calibration is not None
             exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")
             return encode_doubles(
-                original, spans, first_channel, as_counts, exact=exact, grid=False
-            )
+                original, spans, first_channel, as_counts, job.searches[first_channel],
+                exact=exact, grid=False,
+            )  # fmt: skip
         return as_counts()
     if promise.paper:
         unit = encode_paper(source, first_channel, promise, settings)
@@ -524,7 +535,7 @@ def encode_source(
         )
         unit.kept_as = kept_as
     else:
-        unit = encode_within(members[0], source, base, original, first_channel, promise)
+        unit = encode_within(members[0], source, base, first_channel, promise)
     unit.least = unit.least or sum(
         lossless_bits(replace(source, channels=(each,), counts=counts[:, place : place + 1]))
         for place, each in enumerate(source.channels)
@@ -536,7 +547,6 @@ def encode_within(
     member: Gridded,
     source: InputBlock,
     base: Track,
-    original: Channel,
     first_channel: int,
     promise: Promise,
 ) -> Unit:
@@ -547,8 +557,8 @@ def encode_within(
         return unit
     unit = encode_lossless(source, base)
     unit.reason = "each sample from those before, in equal steps"
-    fine = fine_grid(original, promise)
-    if not fine.fine or fine.channel.calibration is None:
+    fine = member.finer
+    if fine is None:
         return unit
     finer = InputBlock((fine.channel,), fine.channel.stored[:, None], source.spans)
     unit.least = lossless_bits(finer)
@@ -559,7 +569,9 @@ def encode_within(
     return replace(knots, channels=finer.channels, grid=fine.text, least=unit.least)
 
 
-def encode_floating(channel: Channel, spans: tuple[Span, ...], first_channel: int) -> Unit:
+def encode_floating(
+    channel: Channel, spans: tuple[Span, ...], first_channel: int, search: LatticeSearch
+) -> Unit:
     """Numbers without a common step, bit for bit."""
     kind = WORDS.get(channel.stored.dtype)
     if kind is None:
@@ -573,8 +585,9 @@ def encode_floating(channel: Channel, spans: tuple[Span, ...], first_channel: in
 
     if kind == "binary64":
         return encode_doubles(
-            channel, spans, first_channel, words, least=lambda: words_size(channel, spans)
-        )
+            channel, spans, first_channel, words, search,
+            least=lambda: words_size(channel, spans),
+        )  # fmt: skip
     return words()
 
 

@@ -48,7 +48,7 @@ from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..numbers import build_varint, parse_varint
 from ..recording import Calibration, Channel, Span
 from .knots import Coded
-from .lattice import Lattice, Near, find_lattice, natural_lattices
+from .lattice import Lattice, LatticeSearch, Near
 from .predict import encode_best, fitting_packets
 from .source import cut, declared_range, make_track
 from .unit import Unit, decode_all
@@ -97,6 +97,7 @@ def encode_doubles(
     spans: Sequence[Span],
     first_channel: int,
     otherwise: Callable[[], Unit],
+    search: LatticeSearch,
     *,
     exact: Lattice | None = None,
     grid: bool = True,
@@ -109,14 +110,15 @@ def encode_doubles(
     where its size, at ``least`` that many bytes, is larger. ``exact``: the grid that holds the
     values exactly, if one exists. ``grid``: whether to try a binary grid.
     """
-    x = np.ascontiguousarray(channel.stored, np.float64)
+    x = search.values
     if not x.size or not np.isfinite(x).all():
         return otherwise()
 
     def code(candidate: Candidate | None) -> Beside | None:
         return coded_as(channel, x, spans, first_channel, candidate) if candidate else None
 
-    natural = code(natural_candidate(x, exact))
+    natural = code(natural_candidate(search, exact))
+    search.forget()
     if natural and 8 * natural.size < CHEAP * x.size:
         return natural.unit
     found = [natural, code(binary_grid(x) if grid else None)]
@@ -169,19 +171,19 @@ def coded_as(
     return Beside(Unit(coded, None, "predicted + exact", reason, exact=True), beside)
 
 
-def natural_candidate(x: Doubles, exact: Lattice | None) -> Candidate | None:
+def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate | None:
     """The natural grid and the rule with the shortest corrections, by distinct values."""
-    z = x
-    if (np.signbit(x) & (x == 0)).any():
-        z = x + 0.0
-        exact = find_lattice(z)
+    if search.has_negative_zero:
+        exact = None if isinstance(search.exact, str) else search.exact
         if exact is not None:
             # Only -0.0 is off the grid.
-            return Candidate(exact.calibration, exact.counts, ExactParameters(), exact.reason)
-    u = np.unique(z)
+            return Candidate(
+                exact.calibration, exact.counts.astype(np.int64), ExactParameters(), exact.reason
+            )
+    u = search.distinct
     rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *printed_rule(u)]
     found: list[tuple[float, Candidate]] = []
-    lattices = {near.calibration: near for near in natural_lattices(u, exact)}
+    lattices = {near.calibration: near for near in search.natural_lattices(exact)}
     for near in lattices.values():
         step = float(near.calibration.step)
         how = f"step {step:.10g}, missed by {near.largest_deviation:.3g} at most"
@@ -196,7 +198,7 @@ def natural_candidate(x: Doubles, exact: Lattice | None) -> Candidate | None:
     if not found:
         return None
     best = min(found, key=lambda pair: pair[0])[1]
-    return replace(best, counts=best.counts[np.searchsorted(u, z)])
+    return replace(best, counts=best.counts[np.searchsorted(u, search.values)])
 
 
 def correction_bits(x: Doubles, doubles: Doubles) -> float | None:
