@@ -23,7 +23,7 @@ from ..format.cluster import Packet
 from ..format.extras import build_metadata
 from ..format.track import Affine, Component, Track
 from ..format.wire import Head, check_file_id
-from ..limits import LAST_TRACK_ID
+from ..limits import LAST_TRACK_ID, LEVELS
 from ..numbers import exact
 from ..reading.packets import Seconds
 from .making import (
@@ -414,7 +414,7 @@ def concat(
         metadata = with_note(combined([o.catalogue.metadata for o in originals]), text)
         level = level_for(
             list(joining.tracks.values()),
-            *(original.head.limits for original in originals),
+            *(LEVELS[original.head.level] for original in originals),
             largest=len(build_metadata(metadata)),
         )
         with opened(out, force) as stream:
@@ -528,7 +528,7 @@ def merge(
         metadata = with_note(combined([o.catalogue.metadata for o in originals]), text)
         level = level_for(
             [place.track for plan in plans for place in plan.places.values()],
-            *(original.head.limits for original in originals),
+            *(LEVELS[original.head.level] for original in originals),
             largest=len(build_metadata(metadata)),
         )
         with opened(out, force) as stream:

@@ -370,7 +370,9 @@ def check_layout(source: ByteSource, limits: Limits) -> None:
     check_structure(found)
     everything = dict.fromkeys(found.tracks, EVERYTHING)
     for packet in PacketPass(found, lambda: None).packets(everything):
-        limits.check_packet(found.tracks[packet.track].weight(packet.span, len(packet.data)))
+        limits.check(
+            "packet_samples", found.tracks[packet.track].weight(packet.span, len(packet.data))
+        )
     stored_digests(found)
     if found.findings:
         first = found.findings[0]
@@ -467,8 +469,8 @@ class Copy:
         """Whether it decodes, and fits; it goes into its track's digest."""
         decoder = self.decoders.get(packet.track)
         samples = self.tracks[packet.track].weight(packet.span, len(packet.data))
-        self.limits.check_packet(samples)
-        self.limits.check_work(self.done.samples + samples)
+        self.limits.check("packet_samples", samples)
+        self.limits.check("work_samples", self.done.samples + samples)
         try:
             self.writer.level.check("payload_size", alone_size(packet), "LIM-001", packet.offset)
             if decoder is not None:

@@ -57,25 +57,16 @@ class TableRow(NamedTuple):
 
 class TableHead(NamedTuple):
     """The fields before the rows: number of rows, bytes of each field, its least value;
-    ``size``: bytes of this head."""
+    ``size``: bytes of this head, ``row_size``: of a row; ``rows_stop``: where the rows end;
+    ``table_size``: bytes from the start of the payload to the first packet."""
 
     packet_count: int
     widths: tuple[int, ...]
     least: tuple[int, ...]
     size: int
-
-    @property
-    def row_size(self) -> int:
-        return sum(self.widths) + CRC_SIZE
-
-    @property
-    def rows_stop(self) -> int:
-        return self.size + self.packet_count * self.row_size
-
-    @property
-    def table_size(self) -> int:
-        """Bytes from the start of the payload to the first packet."""
-        return self.rows_stop + CRC_SIZE
+    row_size: int
+    rows_stop: int
+    table_size: int
 
 
 def packet_crc(seed: int, count: int, row: TableRow, data: bytes) -> int:
@@ -131,7 +122,11 @@ def parse_table_head(payload: bytes, level: Level, base: int) -> TableHead:
     for _ in range(4):
         low, position = parse_varint(payload, position, base)
         least.append(low)
-    return TableHead(count, widths, tuple(least), position)
+    row_size = sum(widths) + CRC_SIZE
+    rows_stop = position + count * row_size
+    return TableHead(
+        count, widths, tuple(least), position, row_size, rows_stop, rows_stop + CRC_SIZE
+    )
 
 
 def parse_rows(payload: bytes, head: TableHead) -> Iterator[TableRow]:

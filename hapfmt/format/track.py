@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NamedTuple, TypeVar
@@ -318,70 +318,6 @@ FLOOR_LIMIT = 1 << 32
 VECTOR, GUARANTEED = 1, 2
 
 
-class Cursor:
-    """Reads a value from its first byte on; ``place`` is the offset in the file."""
-
-    def __init__(self, value: bytes, offset: int) -> None:
-        self.value = value
-        self.offset = offset
-        self.position = 0
-
-    @property
-    def place(self) -> int:
-        return self.offset + self.position
-
-    @property
-    def left(self) -> int:
-        return len(self.value) - self.position
-
-    def varint(self) -> int:
-        number, self.position = parse_varint(self.value, self.position, self.offset)
-        return number
-
-    def svarint(self) -> int:
-        number, self.position = parse_svarint(self.value, self.position, self.offset)
-        return number
-
-    def take(self, size: int) -> bytes:
-        if size > self.left:
-            raise TruncatedError(
-                "a list ends within an entry", requirement="TLV-004", offset=self.place
-            )
-        self.position += size
-        return self.value[self.position - size : self.position]
-
-    def end(self) -> None:
-        if self.left:
-            raise FormatError(
-                "bytes left over after a list", requirement="TLV-004", offset=self.place
-            )
-
-
-def entries_of(value: bytes, offset: int, parse: Callable[[Cursor], T]) -> Iterator[T]:
-    """Entries to the end of the value."""
-    cursor = Cursor(value, offset)
-    while cursor.left:
-        yield parse(cursor)
-
-
-# TLV 3
-
-
-def build_calibration(affine: Affine) -> bytes:
-    return build_svarint(affine.a) + build_svarint(affine.b) + build_varint(affine.d)
-
-
-def parse_calibration(cursor: Cursor) -> Affine:
-    at = cursor.place
-    affine = Affine(cursor.svarint(), cursor.svarint(), cursor.varint())
-    if not affine.d or not affine.a or max(abs(affine.a), abs(affine.b)) >= AFFINE_LIMIT:
-        raise FormatError("calibration out of its bounds", requirement="VAL-001", offset=at)
-    return affine
-
-
-# TLV 16
-
-
 def build_contract(contract: Contract) -> bytes:
     flags = contract.vector * VECTOR | contract.guaranteed * GUARANTEED
     out = build_varint(contract.kd) + build_varint(contract.kn) + bytes([flags])
@@ -392,10 +328,22 @@ def build_contract(contract: Contract) -> bytes:
 
 def parse_contract(value: bytes, offset: int, size: int) -> Contract:
     """Of a track with ``size`` components."""
-    cursor = Cursor(value, offset)
-    kd, kn, flags = cursor.varint(), cursor.varint(), cursor.take(1)[0]
-    pairs = [(cursor.varint(), cursor.svarint()) for _ in range(size)]
-    cursor.end()
+    kd, position = parse_varint(value, 0, offset)
+    kn, position = parse_varint(value, position, offset)
+    if position == len(value):
+        raise TruncatedError(
+            "a list ends within an entry", requirement="TLV-004", offset=offset + position
+        )
+    flags, position = value[position], position + 1
+    pairs: list[tuple[int, int]] = []
+    for _ in range(size):
+        floor, position = parse_varint(value, position, offset)
+        zero, position = parse_svarint(value, position, offset)
+        pairs.append((floor, zero))
+    if position < len(value):
+        raise FormatError(
+            "bytes left over after a list", requirement="TLV-004", offset=offset + position
+        )
     fits = kd and max(kn, kd) < FRACTION_LIMIT and flags <= VECTOR | GUARANTEED
     fits = fits and all(1 <= floor < FLOOR_LIMIT for floor, _ in pairs)
     if not fits or any(not -ZERO_LIMIT <= zero < ZERO_LIMIT for _, zero in pairs):
@@ -410,9 +358,6 @@ def parse_contract(value: bytes, offset: int, size: int) -> Contract:
         tuple(floor for floor, _ in pairs),
         tuple(zero for _, zero in pairs),
     )
-
-
-# TLV 18
 
 
 def round_up(x: float) -> float:
@@ -431,12 +376,33 @@ def build_deviation(deviation: tuple[float, float] | None) -> bytes:
     return DEVIATION.build(declared=round_up(declared), largest=round_up(largest))
 
 
-def parse_deviation(cursor: Cursor) -> tuple[float, float] | None:
-    at = cursor.place
-    raw = DEVIATION.read(cursor.take(DEVIATION.size))
-    if not (math.isfinite(raw.declared) and 0 <= raw.largest <= raw.declared):
-        raise FormatError("deviation above the declared one", requirement="TLV-005", offset=at)
-    return (raw.declared, raw.largest) if raw.declared else None
+def parse_calibrations(value: bytes, offset: int) -> list[Affine]:
+    """TLV 3."""
+    found: list[Affine] = []
+    position = 0
+    while position < len(value):
+        at = offset + position
+        a, position = parse_svarint(value, position, offset)
+        b, position = parse_svarint(value, position, offset)
+        d, position = parse_varint(value, position, offset)
+        if not d or not a or max(abs(a), abs(b)) >= AFFINE_LIMIT:
+            raise FormatError("calibration out of its bounds", requirement="VAL-001", offset=at)
+        found.append(Affine(a, b, d))
+    return found
+
+
+def parse_deviations(value: bytes, offset: int) -> list[tuple[float, float] | None]:
+    """TLV 18."""
+    found: list[tuple[float, float] | None] = []
+    for position in range(0, len(value), DEVIATION.size):
+        at = offset + position
+        if position + DEVIATION.size > len(value):
+            raise TruncatedError("a list ends within an entry", requirement="TLV-004", offset=at)
+        raw = DEVIATION.read(value, position)
+        if not (math.isfinite(raw.declared) and 0 <= raw.largest <= raw.declared):
+            raise FormatError("deviation above the declared one", requirement="TLV-005", offset=at)
+        found.append((raw.declared, raw.largest) if raw.declared else None)
+    return found
 
 
 PARAMETERS, LABEL, CALIBRATIONS, UNIT, QUANTITY, AXIS, GROUP = 1, 2, 3, 4, 6, 8, 10
@@ -493,7 +459,18 @@ def build_track(track: Track) -> bytes:
     if track.parameters:
         values[PARAMETERS] = track.parameters
     if track.base is None:
-        values |= build_described(track.components)
+        calibrations = share([component.calibration for component in track.components])
+        if list(calibrations) != [IDENTITY]:
+            values[CALIBRATIONS] = b"".join(
+                build_svarint(a) + build_svarint(b) + build_varint(d) for a, b, d in calibrations
+            )
+        for type_, name in STRINGS.items():
+            items = [getattr(component, name) for component in track.components]
+            if any(item != getattr(Component, name) for item in items):
+                values[type_] = build_strings(items)
+        deviations = share([component.deviation for component in track.components])
+        if any(deviations):
+            values[DEVIATIONS] = b"".join(map(build_deviation, deviations))
     if track.contract:
         values[CONTRACT] = build_contract(track.contract)
     if track.provenance:
@@ -515,22 +492,6 @@ def build_track(track: Track) -> bytes:
         linked=NO_TRACK if linked is None else linked,
     )
     return fixed + build_tlvs(values)
-
-
-def build_described(components: Sequence[Component]) -> dict[int, bytes]:
-    """What is listed per component."""
-    values = {}
-    calibrations = share([component.calibration for component in components])
-    if list(calibrations) != [IDENTITY]:
-        values[CALIBRATIONS] = b"".join(map(build_calibration, calibrations))
-    for type_, name in STRINGS.items():
-        items = [getattr(component, name) for component in components]
-        if any(item != getattr(Component, name) for item in items):
-            values[type_] = build_strings(items)
-    deviations = share([component.deviation for component in components])
-    if any(deviations):
-        values[DEVIATIONS] = b"".join(map(build_deviation, deviations))
-    return values
 
 
 def parse_description(payload: bytes, first_id: int, level: Level, offset: int) -> list[Track]:
@@ -596,7 +557,6 @@ def parse_tracks(
         track = parse_track(raw, tlvs, id_, base + start, offset)
         if track.unsupported is None:
             check_kind(track, tlvs, level, base + start)
-            check_exact(track, base + start)
         yield track
 
 
@@ -665,7 +625,7 @@ def check_range(track: Track, level: Level, offset: int) -> None:
 
 
 def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
-    """TRK-005 to TRK-007, TRK-009 and TRK-019, as far as the track tells."""
+    """TRK-005 to TRK-007, TRK-009, TRK-019 and VAL-001, as far as the track tells."""
     check_range(track, level, offset)
     low, high, hf = track.count_min, track.count_max, track.kind == "hf"
     if track.kind == "events" or track.codec == "EVNT":
@@ -691,6 +651,13 @@ def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
         raise FormatError(
             "HF track describes what it has from its base", requirement="TRK-009", offset=offset
         )
+    for a, b, _ in {component.calibration for component in track.components}:
+        if max(max(abs(end * a), abs(end * a + b)) for end in (low, high)) > EXACT_LIMIT:
+            raise FormatError(
+                "count * A + B above 2^53 within the declared range",
+                requirement="VAL-001",
+                offset=offset,
+            )
 
 
 def check_events(track: Track, tlvs: Tlvs, offset: int) -> None:
@@ -714,27 +681,15 @@ def check_events(track: Track, tlvs: Tlvs, offset: int) -> None:
         )
 
 
-def check_exact(track: Track, offset: int) -> None:
-    """VAL-001."""
-    ends = (track.count_min, track.count_max)
-    for a, b, _ in {component.calibration for component in track.components}:
-        if max(max(abs(end * a), abs(end * a + b)) for end in ends) > EXACT_LIMIT:
-            raise FormatError(
-                "count * A + B above 2^53 within the declared range",
-                requirement="VAL-001",
-                offset=offset,
-            )
-
-
 def parse_components(tlvs: Tlvs, count: int) -> Iterator[Component]:
     calibrations: Sequence[Affine] = [IDENTITY] * count
     if CALIBRATIONS in tlvs:
         offset, value = tlvs[CALIBRATIONS]
-        calibrations = spread(list(entries_of(value, offset, parse_calibration)), count, offset)
+        calibrations = spread(parse_calibrations(value, offset), count, offset)
     deviations: Sequence[tuple[float, float] | None] = [None] * count
     if DEVIATIONS in tlvs:
         offset, value = tlvs[DEVIATIONS]
-        deviations = spread(list(entries_of(value, offset, parse_deviation)), count, offset)
+        deviations = spread(parse_deviations(value, offset), count, offset)
     strings = {
         name: parse_strings(tlvs[type_][1], count, tlvs[type_][0]) if type_ in tlvs else None
         for type_, name in STRINGS.items()

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
+from zlib import crc32
 
 from ..errors import ChecksumError, FormatError, ParameterError, UnsupportedError
-from ..limits import LEVELS, Level
+from ..limits import LEVELS
 from .layout import CHUNK_HEADER, HEAD, SIGNATURE, SYNC, TLV
 
 T = TypeVar("T")
@@ -156,10 +156,6 @@ __all__ = [
 ]
 
 
-def crc32(data: bytes, start: int = 0) -> int:
-    return zlib.crc32(data, start)
-
-
 def check_file_id(file_id: int | None) -> None:
     if file_id is not None and not 0 <= file_id < FILE_ID_LIMIT:
         raise ParameterError("the file id must be between 0 and 2^64 - 1")
@@ -172,12 +168,12 @@ def id_text(file_id: int) -> str:
 
 def seed_of(file_id: int) -> int:
     """Where a file CRC starts: the CRC-32 of the file id (SPEC clause 2)."""
-    return zlib.crc32(file_id.to_bytes(8, "little"))
+    return crc32(file_id.to_bytes(8, "little"))
 
 
 def cluster_seed(file_id: int, sequence: int) -> int:
     """Where a cluster CRC starts: the file CRC of the sequence number (SPEC 6.4)."""
-    return zlib.crc32(sequence.to_bytes(8, "little"), seed_of(file_id))
+    return crc32(sequence.to_bytes(8, "little"), seed_of(file_id))
 
 
 @dataclass(frozen=True)
@@ -275,10 +271,6 @@ class Head:
     minor: int = MINOR
     incompat: int = 0
     compat: int = 0
-
-    @property
-    def limits(self) -> Level:
-        return LEVELS[self.level]
 
     def build(self) -> bytes:
         known = self.epoch_ns is not None

@@ -227,7 +227,7 @@ class Catalogue:
         size = 0
         for name, attachment, offset in self.named_attachments():
             size += len(attachment.content)
-            self.limits.check_attachments(size, offset)
+            self.limits.check("attachments", size, offset)
             found[name] = attachment
         return found
 
@@ -285,7 +285,7 @@ class Catalogue:
             if chunk is None or not chunk.intact or not chunk.header.known:
                 continue
             self.metadata_size += len(chunk.payload)
-            self.limits.check_metadata(self.metadata_size, chunk.payload_offset)
+            self.limits.check("metadata", self.metadata_size, chunk.payload_offset)
             try:
                 track = self.observed_track(chunk)
                 yield parse(chunk.payload, track, chunk.payload_offset)
@@ -327,7 +327,7 @@ class Catalogue:
 
     def check_records(self) -> None:
         """Check that the limits allow another chunk or finding."""
-        self.limits.check_records(len(self.chunks) + len(self.findings) + 1)
+        self.limits.check("records", len(self.chunks) + len(self.findings) + 1)
 
     def learn(self, chunk: Chunk) -> ChunkRef | None:
         """Learn the contents of an intact chunk; of a DATA chunk, only its place in time."""
@@ -358,11 +358,11 @@ class Catalogue:
                 # Few bytes of DEFLATE can describe a component with many.
                 weight = max(weight, described_size(chunk.payload) // COMPONENT_SIZE)
                 self.component_count += weight
-                self.limits.check_components(self.component_count)
+                self.limits.check("components", self.component_count)
                 self.table.add(tracks, damaged=self.damaged)
         elif header.type == "mETa":
             self.metadata_size += len(chunk.payload)
-            self.limits.check_metadata(self.metadata_size, offset)
+            self.limits.check("metadata", self.metadata_size, offset)
             self.metadata.update(parse_metadata(chunk.payload, offset))
         elif header.type == "fOOT":
             self.foot = parse_foot(chunk.payload, offset, moved=self.damaged)

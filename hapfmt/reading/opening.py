@@ -47,7 +47,7 @@ def index_chain(
         if parts and chunk.stop > position_after:
             raise FormatError("indexes overlap", requirement="IDX-002", offset=position)
         listed += entry_count(chunk.payload)
-        limits.check_records(listed)
+        limits.check("records", listed)
         index = parse_index(chunk.payload, position, chunk.payload_offset)
         parts.append((position, index))
         if not index.previous:

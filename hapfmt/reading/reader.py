@@ -334,12 +334,12 @@ class Reader(Closing):
             if digests is not None:
                 digests.add(piece)
             samples += piece.numbers.size
-            self.limits.check_samples(samples)
+            self.limits.check("samples", samples)
             if piece.track.channels:
                 decoded[piece.track.id].add(piece.start, piece.numbers, piece.exact)
             else:
                 assembly.add_events(piece.track, piece.events)
-                self.limits.check_events(assembly.event_count)
+                self.limits.check("events", assembly.event_count)
         self.lost.extend(self.lost_parts(chosen, band))
         if digests is not None:
             digests.compare({span.track for span in self.lost})
@@ -385,7 +385,7 @@ class Reader(Closing):
                 or event.tick + event.duration > low * rate
             ]
             assembly.add_events(piece.track, kept)
-            self.limits.check_events(assembly.event_count)
+            self.limits.check("events", assembly.event_count)
         return assembly.events()
 
     def pieces(
@@ -451,8 +451,8 @@ class Reader(Closing):
         for packet in packets:
             samples = decoders[packet.track].track.weight(packet.span, len(packet.data))
             work += samples
-            self.limits.check_packet(samples)
-            self.limits.check_work(work)
+            self.limits.check("packet_samples", samples)
+            self.limits.check("work_samples", work)
             yield packet, samples
 
     def packets(

@@ -112,7 +112,7 @@ class FileWriter:
     ) -> None:
         self.stream = stream
         self.head, self.head_payload = head, payload
-        self.level, self.file_id = head.limits, file_id
+        self.level, self.file_id = LEVELS[head.level], file_id
         self.offset = self.sequence = 0
         self.tracks: dict[int, Track] = {}
         self.descriptions: list[tuple[int, bytes]] = []

@@ -65,10 +65,10 @@ def decode_tracks(reader: Reader) -> tuple[dict[int, Decoded], dict[int, list[Co
         if piece.track.kind == "events":
             layers[piece.track.id] += piece.events
             events += len(piece.events)
-            reader.limits.check_events(events)
+            reader.limits.check("events", events)
         else:
             samples += piece.numbers.size
-            reader.limits.check_samples(samples)
+            reader.limits.check("samples", samples)
             tracks[piece.track.id].add(piece.start, piece.numbers, piece.exact)
     return tracks, layers
 
@@ -225,7 +225,7 @@ def attachments_json(catalogue: Catalogue) -> Iterator[dict[str, Any]]:
     size = 0
     for attachment, offset in catalogue.each_attachment():
         size += len(attachment.content)
-        catalogue.limits.check_attachments(size, offset)
+        catalogue.limits.check("attachments", size, offset)
         yield {
             "name": attachment.name,
             "media_type": attachment.media_type,
