@@ -156,14 +156,24 @@ def check_times(row: TableRow, level: Level, base: int) -> None:
         raise FormatError("ticks beyond 2^48", requirement="DAT-003", offset=base + row.offset)
 
 
+Table = tuple[TableHead, list[TableRow]]
+
+
 def parse_table(
-    part: bytes, size: int, tracks: Mapping[int, Track], level: Level, base: int, seed: int
-) -> tuple[TableHead, list[TableRow]]:
-    """The table of a payload of ``size`` bytes, which ``part`` begins with; every rule checked."""
-    head = parse_table_head(part, level, base)
+    part: bytes,
+    size: int,
+    tracks: Mapping[int, Track],
+    level: Level,
+    base: int,
+    seed: int,
+    known: Table | None = None,
+) -> Table:
+    """The table of a payload of ``size`` bytes, which ``part`` begins with; every rule checked.
+    ``known``: the same table, where it was parsed before."""
+    head = known[0] if known else parse_table_head(part, level, base)
     if len(part) < head.table_size:
         raise TruncatedError("the table ends early", requirement="DAT-005", offset=base + len(part))
-    rows = list(parse_rows(part, head))
+    rows = known[1] if known else list(parse_rows(part, head))
     stored = int.from_bytes(part[head.rows_stop : head.table_size], "little")
     if crc32(part[: head.rows_stop], seed) != stored:
         raise ChecksumError(
@@ -199,10 +209,16 @@ def parse_table(
 
 
 def parse_cluster(
-    payload: bytes, tracks: Mapping[int, Track], level: Level, base: int, seed: int
+    payload: bytes,
+    tracks: Mapping[int, Track],
+    level: Level,
+    base: int,
+    seed: int,
+    known: Table | None = None,
 ) -> list[Packet]:
-    """All packets of an intact DATA payload at offset ``base``; checks every rule."""
-    head, rows = parse_table(payload, len(payload), tracks, level, base, seed)
+    """All packets of an intact DATA payload at offset ``base``; checks every rule. ``known``: as
+    in :func:`parse_table`."""
+    head, rows = parse_table(payload, len(payload), tracks, level, base, seed, known)
     packets, position = [], head.table_size
     for row in rows:
         data = payload[position : position + row.size]

@@ -6,14 +6,14 @@ It learns one chunk after another as they are found. It decodes nothing and does
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
 from ..errors import HARMLESS, FormatError, TruncatedError, UnsupportedError, verdict_of
-from ..format.cluster import parse_rows, parse_table_head
+from ..format.cluster import Table, TableRow, parse_rows, parse_table_head
 from ..format.extras import (
     FIRST_OFFSET,
     NS_LIMIT,
@@ -36,6 +36,10 @@ from ..limits import LEVELS, Level, Limits
 T = TypeVar("T")
 COMPONENT_SIZE = 1 << 10
 """Bytes of a description that count as a component."""
+
+
+KEPT_ROWS = 1 << 14
+"""Rows of tables that are kept: about 6 MB. Further tables are parsed again when they are read."""
 
 
 class FalseIndexError(FormatError):
@@ -149,6 +153,9 @@ class Catalogue:
     head_payload: bytes = b""
     component_count: int = 0
     metadata_size: int = 0
+    tables: dict[int, Table] = field(default_factory=dict)
+    """Tables of DATA chunks by their offsets, so that a reader parses each once."""
+    kept_rows: int = 0
 
     @property
     def tracks(self) -> dict[int, Track]:
@@ -344,7 +351,17 @@ class Catalogue:
             self.level.check("payload_size", header.payload_size, "LIM-001", chunk.offset)
             return None
         if header.type == "HEAD":
-            self.learn_head(chunk)
+            if self.head is None:
+                if chunk.offset != FIRST_OFFSET and not self.damaged:
+                    raise FormatError(
+                        "HEAD is not the first chunk", requirement="HED-001", offset=chunk.offset
+                    )
+                self.head = parse_head(chunk.payload, offset)
+                self.head_payload = chunk.payload
+            elif chunk.payload != self.head_payload:
+                raise FormatError(
+                    "a second, different HEAD", requirement="HED-001", offset=chunk.offset
+                )
             return None
         if self.head is None and not self.damaged:
             raise FormatError(
@@ -373,19 +390,6 @@ class Catalogue:
             )
         return None
 
-    def learn_head(self, chunk: Chunk) -> None:
-        if self.head is None:
-            if chunk.offset != FIRST_OFFSET and not self.damaged:
-                raise FormatError(
-                    "HEAD is not the first chunk", requirement="HED-001", offset=chunk.offset
-                )
-            self.head = parse_head(chunk.payload, chunk.payload_offset)
-            self.head_payload = chunk.payload
-        elif chunk.payload != self.head_payload:
-            raise FormatError(
-                "a second, different HEAD", requirement="HED-001", offset=chunk.offset
-            )
-
     def time_range(self, chunk: Chunk) -> tuple[int, int] | tuple[None, None]:
         """Nanoseconds from the earliest sample to the end of the latest of an intact DATA chunk.
 
@@ -393,7 +397,12 @@ class Catalogue:
         """
         table = parse_table_head(chunk.payload, self.level, chunk.payload_offset)
         first = last = None
-        for row in parse_rows(chunk.payload, table):
+        rows: Iterable[TableRow] = parse_rows(chunk.payload, table)
+        if self.kept_rows + table.packet_count <= KEPT_ROWS:
+            self.tables[chunk.offset] = table, list(rows)
+            rows = self.tables[chunk.offset][1]
+            self.kept_rows += len(self.tables[chunk.offset][1])
+        for row in rows:
             track = self.tracks.get(row.track)
             if track is None:
                 if self.damaged:

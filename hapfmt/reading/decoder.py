@@ -71,7 +71,14 @@ class TrackDecoder:
             if track.codec == "LPCR":
                 return LpcParameters.parse(track.parameters, self.level, track.offset)
             if track.codec == "LPCX":
-                return self.parse_exact()
+                lossy = track.contract or any(c.deviation for c in track.components)
+                if track.kind != "full" or lossy:
+                    raise FormatError(
+                        "exact values in a track that is not lossless",
+                        requirement="EXA-001",
+                        offset=track.offset,
+                    )
+                return parse_parameters(track.parameters, len(track.components), track.offset)
             return RawParameters.parse(track.parameters, track.number_format, track.offset)
         except HapfmtError as error:
             raise error.at(path=self.path) from None
@@ -82,17 +89,6 @@ class TrackDecoder:
         except HapfmtError:
             # Once more, to tell the place.
             return QuanParameters.parse(self.track.parameters, self.level, self.track.offset)
-
-    def parse_exact(self) -> Exact:
-        track = self.track
-        lossy = track.contract or any(c.deviation for c in track.components)
-        if track.kind != "full" or lossy:
-            raise FormatError(
-                "exact values in a track that is not lossless",
-                requirement="EXA-001",
-                offset=track.offset,
-            )
-        return parse_parameters(track.parameters, len(track.components), track.offset)
 
     def decode_exact(self, packet: Packet, counts: NDArray[np.int32]) -> NDArray[np.float64] | None:
         """The source's doubles [span, components], for the counts that ``decode`` gave of the same
@@ -286,10 +282,6 @@ class Decoded:
             return np.zeros((0, len(self.track.components)), dtype)
         return joined
 
-    def exact(self) -> NDArray[np.float64] | None:
-        """[samples, components], or None where the counts are all there is."""
-        return self.doubles.joined()
-
 
 def sum_of(lf: Track, d: NDArray[Any], e: NDArray[Any]) -> NDArray[np.int32]:
     """d + e^, clamped to the range of the LF track (DEC-001)."""
@@ -327,7 +319,7 @@ def build_channel(
     decoded: Decoded, index: int, component: Component, *, hf_only: bool = False
 ) -> Channel:
     """The channel of component ``index``; ``component`` is its description in the base track."""
-    counts, exact = decoded.track.number_format == "counts", decoded.exact()
+    counts, exact = decoded.track.number_format == "counts", decoded.doubles.joined()
     a, b, d = component.calibration
     deviation = Deviation(*component.deviation) if component.deviation else None
     return Channel(

@@ -6,7 +6,7 @@ The decoded numbers are compared with the stored checksums of tracks (dGST, SPEC
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from fractions import Fraction
 from typing import Any, BinaryIO
 from uuid import UUID
@@ -155,14 +155,13 @@ class Reader(Closing):
         self.source = open_source(file, mapped=mapped, spool=spool)
         self.lost: list[LostSpan] = []
         try:
-            self.catalogue: Catalogue = self.opened(scan=scan)
+            self.catalogue: Catalogue = open_catalogue(
+                self.source, scan=scan, limits=self.limits, file_id=file_id
+            )
         except BaseException:
             self.source.close()
             raise
         self.refuse_damage()
-
-    def opened(self, *, scan: bool) -> Catalogue:
-        return open_catalogue(self.source, scan=scan, limits=self.limits, file_id=self.file_id)
 
     def close(self) -> None:
         self.source.close()
@@ -233,12 +232,14 @@ class Reader(Closing):
     def scan(self) -> None:
         """Walk through the whole file, so that every byte is checked."""
         if self.catalogue.indexed:
-            self.catalogue = self.opened(scan=True)
+            self.catalogue = open_catalogue(
+                self.source, scan=True, limits=self.limits, file_id=self.file_id
+            )
             self.refuse_damage()
 
     def refuse_damage(self) -> None:
-        if self.strict and self.findings:
-            first = self.findings[0]
+        if self.strict and self.catalogue.findings:
+            first = self.catalogue.findings[0]
             raise first.error(
                 f"{first.code}: {first.message}. hapfmt.Reader reads what is intact; "
                 "hapfmt recover IN OUT writes an intact copy",
@@ -258,7 +259,7 @@ class Reader(Closing):
         A number that is not a label selects by number; other texts may be patterns such as
         "pos_*". Negative numbers count from the end.
         """
-        known = self.channels
+        known = self.catalogue.channels
         if channels is None:
             return known
         by_number = {ref.number: ref for ref in known}
@@ -301,11 +302,11 @@ class Reader(Closing):
             uuid=UUID(bytes=head.uuid) if head and head.uuid else None,
             epoch_ns=head.epoch_ns if head else None,
             epoch_uncertainty_ns=head.epoch_uncertainty_ns if head else 0,
-            metadata=self.metadata,
+            metadata=self.catalogue.metadata,
             attachments={
                 name: (found.media_type, found.content) for name, found in self.attachments.items()
             },
-            events=events_of(events, self.channels, chosen),
+            events=events_of(events, self.catalogue.channels, chosen) if events else (),
         )
 
     def assembly(
@@ -419,9 +420,16 @@ class Reader(Closing):
                     pieces.append(error)
             return pieces
 
-        threads = self.threads_for(tracks)
-        packets = self.weighed(self.packets(ranges, start, stop, progress), decoders)
-        jobs = batches(packets, BATCH if threads > 1 else 1)
+        # One thread where there is or may be damage: earlier findings then decide how a packet
+        # that breaks a rule is treated.
+        threads = 1
+        if not (self.catalogue.damaged or self.catalogue.indexed):
+            seconds = self.catalogue.duration
+            samples = sum(int(seconds * t.rate) * len(t.components) for t in tracks if t.channels)
+            threads = thread_count(self.threads, samples)
+        packets = self.packets(ranges, start, stop, progress)
+        known = {t.id: t for t in tracks}
+        jobs = batches(packets, known, self.limits, BATCH if threads > 1 else 1)
         for batch, pieces in in_order(
             lambda job: (job, decode(job)), jobs, threads, lambda job: job.weight / IN_FLIGHT
         ):
@@ -433,27 +441,6 @@ class Reader(Closing):
                     self.lose_packet(packet, piece)
                 else:
                     raise piece
-
-    def threads_for(self, tracks: Sequence[Track]) -> int:
-        """Number of threads; one where there is or may be damage. Then earlier findings decide how
-        a packet that breaks a rule is treated."""
-        if self.catalogue.damaged or self.catalogue.indexed:
-            return 1
-        seconds = self.catalogue.duration
-        samples = sum(int(seconds * t.rate) * len(t.components) for t in tracks if t.channels)
-        return thread_count(self.threads, samples)
-
-    def weighed(
-        self, packets: Iterable[Packet], decoders: dict[int, TrackDecoder]
-    ) -> Iterator[tuple[Packet, int]]:
-        """Packets that the limits let pass, and their samples."""
-        work = 0
-        for packet in packets:
-            samples = decoders[packet.track].track.weight(packet.span, len(packet.data))
-            work += samples
-            self.limits.check("packet_samples", samples)
-            self.limits.check("work_samples", work)
-            yield packet, samples
 
     def packets(
         self,
