@@ -641,9 +641,6 @@ class Channel:
         put("deviation", deviation)
         put("lsb", lsb)
         put("exact", exact)
-        self._check()
-
-    def _check(self) -> None:
         if self.stored.ndim != 1:
             raise ParameterError("a channel's values are one-dimensional")
         if self.rate_exact <= 0:

@@ -7,9 +7,11 @@ the ways. The encoder reports each decision.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
+from functools import partial
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,7 @@ from ..format.cluster import Packet
 from ..format.track import Track
 from ..limits import LAST_TRACK_ID, LEVELS, Level
 from ..reading.decoder import TrackDecoder
-from ..recording import Channel, Recording, Span
+from ..recording import Channel, Recording
 from ..threads import in_order, thread_count
 from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
 from .exact import (
@@ -226,29 +228,21 @@ def encode_parts(
         steps.append(step_of(members, prepared[at].promise, settings))
         at += len(members)
 
-    def code(run: Run) -> list[PlacedUnit]:
-        members, links, at = run
+    runs = list(find_runs(groups, steps))
+    starts = accumulate((len(members) for members, _ in runs), initial=0)
+
+    def code(run: tuple[tuple[list[Channel], Links], int]) -> list[PlacedUnit]:
+        (members, links), at = run
         rows = [
             replace(each, channel=channel)
             for each, channel in zip(prepared[at : at + len(members)], members, strict=True)
         ]
         return list(encode_members(rows, links, first + at, job))
 
-    for coded in in_order(code, numbered(find_runs(groups, steps)), job.threads):
+    for coded in in_order(code, zip(runs, starts, strict=False), job.threads):
         for part in coded:
             yield part
             done(part.stop)
-
-
-Run = tuple[list[Channel], Links, int]
-"""Channels, their links, and the number of the first."""
-
-
-def numbered(runs: Iterable[tuple[list[Channel], Links]]) -> Iterator[Run]:
-    first = 0
-    for members, links in runs:
-        yield members, links, first
-        first += len(members)
 
 
 def as_recorded(channel: Channel) -> Channel:
@@ -485,7 +479,17 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         )
     spans = tuple(cut(channel.coverage, channel.rate_exact, job.cluster, len(channels)))
     if channel.calibration is None:
-        return encode_floating(channel, spans, first_channel, job.searches[first_channel])
+        kind = WORDS.get(channel.stored.dtype)
+        if kind is None:
+            raise ParameterError(
+                f"channel {channel.label!r} holds {channel.stored.dtype}: give it a calibration, "
+                "or one of int64, uint64, float16, float32, float64"
+            )
+        words = partial(encode_words, channel, spans, first_channel, kind, WORDS_REASON)
+        if kind != "binary64":
+            return words()
+        search, least = job.searches[first_channel], partial(words_size, channel, spans)
+        return encode_doubles(channel, spans, first_channel, words, search, least=least)
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
@@ -569,28 +573,6 @@ def encode_within(
     return replace(knots, channels=finer.channels, grid=fine.text, least=unit.least)
 
 
-def encode_floating(
-    channel: Channel, spans: tuple[Span, ...], first_channel: int, search: LatticeSearch
-) -> Unit:
-    """Numbers without a common step, bit for bit."""
-    kind = WORDS.get(channel.stored.dtype)
-    if kind is None:
-        raise ParameterError(
-            f"channel {channel.label!r} holds {channel.stored.dtype}: give it a calibration, "
-            "or one of int64, uint64, float16, float32, float64"
-        )
-
-    def words() -> Unit:
-        return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
-
-    if kind == "binary64":
-        return encode_doubles(
-            channel, spans, first_channel, words, search,
-            least=lambda: words_size(channel, spans),
-        )  # fmt: skip
-    return words()
-
-
 def shorten_units(units: list[Unit]) -> None:
     """Packets of a small file that lose little where they are damaged."""
     before = [unit.size for unit in units]
@@ -624,33 +606,30 @@ def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:
 def join_constant(coded: Coded) -> Iterator[Packet]:
     """Neighbours that are the same constant as one packet, so that silence costs next to nothing:
     a packet alone takes ten bytes of a cluster's table."""
-    decoder = TrackDecoder(coded.track, ENCODE_LEVEL)
-    for run in alike(coded.packets, JOINED_TICKS // len(coded.track.components)):
+    runs: list[list[Packet]] = []
+    limit = JOINED_TICKS // len(coded.track.components)
+    for packet in coded.packets:
+        last = runs[-1] if runs else []
+        if (
+            last
+            and packet.data == last[-1].data
+            and packet.start == last[-1].stop
+            and packet.stop - last[0].start <= limit
+        ):
+            last.append(packet)
+        else:
+            runs.append([packet])
+    for run in runs:
         joint = replace(run[0], span=run[-1].stop - run[0].start)
-        if len(run) > 1 and is_same_constant(decoder, joint, run[0]):
+        if len(run) > 1 and is_same_constant(coded.track, joint, run[0]):
             yield joint
         else:
             yield from run
 
 
-def alike(packets: Sequence[Packet], limit: int) -> Iterator[list[Packet]]:
-    """Runs of adjacent packets of the same bytes, of ``limit`` ticks together at most."""
-    run: list[Packet] = []
-    for packet in packets:
-        if run and (
-            packet.data != run[-1].data
-            or packet.start != run[-1].stop
-            or packet.stop - run[0].start > limit
-        ):
-            yield run
-            run = []
-        run.append(packet)
-    if run:
-        yield run
-
-
-def is_same_constant(decoder: TrackDecoder, joint: Packet, part: Packet) -> bool:
+def is_same_constant(track: Track, joint: Packet, part: Packet) -> bool:
     """Whether the joint packet, of the bytes of a part, is the constant that the part is."""
+    decoder = TrackDecoder(track, ENCODE_LEVEL)
     first = words_of(decoder, part)
     if (first != first[0]).any():
         return False

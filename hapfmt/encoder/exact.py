@@ -114,14 +114,11 @@ def encode_doubles(
     if not x.size or not np.isfinite(x).all():
         return otherwise()
 
-    def code(candidate: Candidate | None) -> Beside | None:
-        return coded_as(channel, x, spans, first_channel, candidate) if candidate else None
-
-    natural = code(natural_candidate(search, exact))
+    natural = coded_as(channel, x, spans, first_channel, natural_candidate(search, exact))
     search.forget()
     if natural and 8 * natural.size < CHEAP * x.size:
         return natural.unit
-    found = [natural, code(binary_grid(x) if grid else None)]
+    found = [natural, coded_as(channel, x, spans, first_channel, binary_grid(x) if grid else None)]
     units = [way.unit for way in found if way]
     if not units or least() < min(unit.size for unit in units):
         units.append(otherwise())
@@ -133,8 +130,10 @@ def coded_as(
     x: Doubles,
     spans: Sequence[Span],
     first_channel: int,
-    candidate: Candidate,
+    candidate: Candidate | None,
 ) -> Beside | None:
+    if candidate is None:
+        return None
     low, high = declared_range(candidate.counts)
     if not candidate.calibration.covers(low, high):
         low, high = int(candidate.counts.min()), int(candidate.counts.max())
@@ -156,7 +155,9 @@ def coded_as(
         at += span.ticks
 
         def code(part: slice, values: Doubles = values, counts: Counts = counts) -> bytes:
-            return packet_of(values[part], candidate, counts[part])
+            x, given = values[part], counts[part]
+            lacking = lacking_of(x, candidate.parameters, candidate.affine, given)
+            return beside_counts(encode_best(given), lacking)
 
         try:
             for part, data in fitting_packets(span, counts, code):
@@ -192,22 +193,18 @@ def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate
         first = first[:: max(1, first.size // TRIALS)]
         for rule in (*rules, *cubic_rules(near, u[first], near.counts[first])):
             way = Candidate(near.calibration, near.counts, rule, how)
-            bits = correction_bits(u[first], rule.values(near.counts[first], way.affine))
-            if bits is not None:
-                found.append((bits + 64 * len(rule.coefficients), way))
+            try:
+                given = rule.values(near.counts[first], way.affine)
+                corrections = corrections_of(u[first], given).astype(np.float64)
+            except ValueError:
+                continue
+            # About how many bits the corrections have in all.
+            bits = float(np.log2(1.0 + np.abs(corrections)).sum())
+            found.append((bits + 64 * len(rule.coefficients), way))
     if not found:
         return None
     best = min(found, key=lambda pair: pair[0])[1]
     return replace(best, counts=best.counts[np.searchsorted(u, search.values)])
-
-
-def correction_bits(x: Doubles, doubles: Doubles) -> float | None:
-    """About how many bits the corrections have in all."""
-    try:
-        corrections = corrections_of(x, doubles)
-    except ValueError:
-        return None
-    return float(np.log2(1.0 + np.abs(corrections.astype(np.float64))).sum())
 
 
 def cubic_rules(near: Near, u: Doubles, counts: Counts) -> Iterator[ExactParameters]:
@@ -286,12 +283,6 @@ def exact_size(packet: bytes) -> int:
     """How many of its bytes are exact values."""
     size, at = parse_varint(packet, 0)
     return len(packet) - at - size
-
-
-def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> bytes:
-    """One packet of these samples."""
-    lacking = lacking_of(x, candidate.parameters, candidate.affine, counts)
-    return beside_counts(encode_best(counts), lacking)
 
 
 def beside_counts(coded: bytes, lacking: Lacking) -> bytes:

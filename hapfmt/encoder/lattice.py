@@ -34,7 +34,6 @@ from .rational import (
     constant,
     decimal,
     dyadic,
-    fitted,
     fitted_all,
     near,
     near_steps,
@@ -417,9 +416,9 @@ def _snap(
 def _natural(u: NDArray[np.float64], steps: Steps, allowed: float) -> Iterator[Ratio | None]:
     # The simplest first: the noise was found with any offset, and a plain one may need a little
     # more. Then as near as the tolerance asks for.
-    for search in (near, fitted):
-        for noise in (2 * steps.noise, steps.noise, min(allowed, steps.noise / 2)):
-            yield search(u, steps, noise)
+    noises = 2 * steps.noise, steps.noise, min(allowed, steps.noise / 2)
+    yield from (near(u, steps, noise) for noise in noises)
+    yield from fitted_all(u, steps, noises)
 
 
 def _grids(u: NDArray[np.float64], allowed: float, lsb: float | None) -> Iterator[Ratio | None]:

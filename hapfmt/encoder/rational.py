@@ -153,7 +153,10 @@ def near_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
         return None
     gaps = np.diff(u)
     ordered = np.sort(gaps)
-    for noise in _noises(u, ordered):
+    # From the rounding of float64, doubled to where no step is left.
+    noise = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1]))) / 2
+    while (CLEARANCE - 2) * 2 * noise <= ordered[-1]:
+        noise *= 2
         inside = int(np.searchsorted(ordered, 2 * noise, side="right"))
         outside = int(np.searchsorted(ordered, (CLEARANCE - 2) * noise))
         if inside != outside or inside == ordered.size:
@@ -175,24 +178,6 @@ def near_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
         if clear >= CHANCE_BITS:
             return Steps(low, high, np.repeat(index, ends - starts + 1), noise)
     return None
-
-
-def exact_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
-    """The step of values that may lie on a grid, up to the rounding to float64.
-
-    u: as in :func:`near_steps`, at least two.
-    """
-    noise = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1])))
-    found = common_step(u - noise, u + noise, max(floor, CLEARANCE * noise))
-    return None if found is None else Steps(*found, noise)
-
-
-def _noises(u: NDArray[np.float64], ordered: NDArray[np.float64]) -> Iterator[float]:
-    """Half-widths to try: doubling from the rounding of float64 to where no step is left."""
-    noise = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1])))
-    while (CLEARANCE - 2) * noise <= ordered[-1]:
-        yield noise
-        noise *= 2
 
 
 def _shortest(
@@ -347,16 +332,18 @@ def stepped(u: NDArray[np.float64], least: float) -> Ratio | None:
     halfway between two float64 values allow only the original step, with all its 53 bits. Other
     offsets are found if all values have about the same magnitude.
     """
-    steps = exact_steps(u, least)
-    if steps is None:
+    rounding = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1])))
+    found = common_step(u - rounding, u + rounding, max(least, CLEARANCE * rounding))
+    if found is None:
         return None
+    steps = Steps(*found, rounding)
     indices = _indices(u, u, steps)
     if indices is not None and (np.sign(indices) == np.sign(u)).all():
         ratio = _witnessed(u, indices)
         if ratio is not None:
             return ratio
     # Any number less than half an ulp away rounds to the value; 0.49 leaves room for the search.
-    ratio = fitted(u, steps, 0.49 * float(np.spacing(np.abs(u).min())))
+    ratio = next(fitted_all(u, steps, [0.49 * float(np.spacing(np.abs(u).min()))]))
     return ratio if ratio is not None and _gives(ratio, u) else None
 
 
@@ -376,14 +363,10 @@ def near(u: NDArray[np.float64], steps: Steps, noise: float) -> Ratio | None:
     return None if step is None else _scaled(indices, step, "a common step")
 
 
-def fitted(u: NDArray[np.float64], steps: Steps, noise: float) -> Ratio | None:
-    """The same with any offset: within ``noise``, or as near to that as a straight line gets."""
-    return next(fitted_all(u, steps, [noise]))
-
-
 def fitted_all(
     u: NDArray[np.float64], steps: Steps, noises: Sequence[float]
 ) -> Iterator[Ratio | None]:
+    """The same with any offset: within each noise, or as near to that as a straight line gets."""
     centre = u.size // 2
     index = steps.indices - steps.indices[centre]
     times = index.astype(np.float64)
@@ -440,9 +423,12 @@ def place(ratio: Ratio, bits: int) -> Placed | None:
     if 2 * phase > step:
         phase -= step
     low, high = (first - phase) // step, (last - phase) // step
+    # What is taken from the counts: nothing, or their middle, the roundest first.
+    powers = range(len(str(max(-low, high))) - 1, -1, -1)
+    shifts = [0, *(rdiv((low + high) // 2, 10**power) * 10**power for power in powers)]
     for width in sorted({min(bits, LEVELS[1].count_bits), bits}):
         limit = (1 << (width - 1)) - 1
-        for shift in _shifts(low, high):
+        for shift in shifts:
             b = phase + shift * step
             reach = max(shift - low, high - shift)
             offset = b // common
@@ -451,13 +437,6 @@ def place(ratio: Ratio, bits: int) -> Placed | None:
                 calibration = Calibration(step // common, offset, d // common)
                 return Placed(calibration, (n - b) // step, how)
     return None
-
-
-def _shifts(low: int, high: int) -> Iterator[int]:
-    """What to take from counts in [low, high]: nothing, or their middle, the roundest first."""
-    yield 0
-    for power in range(len(str(max(-low, high))) - 1, -1, -1):
-        yield rdiv((low + high) // 2, 10**power) * 10**power
 
 
 def shortest_fraction(value: float) -> Fraction:
