@@ -613,10 +613,9 @@ def encode_compiled(corrections: Counts, ids: NDArray[np.int32] | None, shift: i
     assert compiled is not None
     plain = np.ascontiguousarray(corrections)
     names = np.zeros(0, np.int32) if ids is None else ids
-    work = np.zeros(WORK * names.size, np.int64)
     size, status = 7 * plain.size + 128, NO_ROOM
     while status == NO_ROOM:
-        out = bytearray(size)
+        out, work = bytearray(size), np.zeros(WORK * names.size, np.int64)
         status, size = compiled.exact_encode(out, names, plain, work, shift)
     assert not status
     return bytes(out[:size])

@@ -22,7 +22,7 @@ from ..codecs.knots import KnotParameters
 from ..errors import FormatError, ParameterError
 from ..format.cluster import Packet
 from ..format.track import Track
-from ..limits import LAST_TRACK_ID, LEVELS, Level
+from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
 from ..reading.decoder import TrackDecoder
 from ..recording import Channel, Recording
 from ..threads import in_order, thread_count
@@ -36,7 +36,6 @@ from .exact import (
     encode_linear,
     encode_words,
     find_relations,
-    may_have_counts,
     stretches,
     words_size,
 )
@@ -332,7 +331,12 @@ def runs_of_doubles(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[list[Pl
             and part.members[0].promise.lossless
             and channel.stored.dtype == np.float64
             and bool(np.isfinite(channel.stored).all())
-            and may_have_counts(part.unit, channel.stored)
+            # Words of which one is larger than those of a binary grid may not; others do not come
+            # near the largest double, where sums overflow.
+            and (
+                part.unit.base.track.number_format == "counts"
+                or float(np.abs(channel.stored).max(initial=0.0)) <= EXACT_LIMIT
+            )
         )
         if run and not (
             fits and len(run) < RUN_LIMIT and same_ticks(job.originals[run[0].first], channel)

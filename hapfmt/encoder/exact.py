@@ -164,7 +164,8 @@ def coded_as(
                 coded.packets.append(Packet(0, part.start, part.ticks, data))
                 first = part.start - span.start
                 coded.doubles.append([values[first : first + part.ticks]])
-                beside += exact_size(data)
+                size, begin = parse_varint(data, 0)
+                beside += len(data) - begin - size
         except ValueError:
             # Too far from its count, or counts too far from each other.
             return None
@@ -277,12 +278,6 @@ def binary_grid(x: Doubles, bits: int = GRID_BITS) -> Candidate | None:
     if not calibration.covers(int(counts.min()), int(counts.max())):
         return None
     return Candidate(calibration, counts, ExactParameters(), f"a binary grid of step {a / d:.6g}")
-
-
-def exact_size(packet: bytes) -> int:
-    """How many of its bytes are exact values."""
-    size, at = parse_varint(packet, 0)
-    return len(packet) - at - size
 
 
 def beside_counts(coded: bytes, lacking: Lacking) -> bytes:
@@ -624,13 +619,6 @@ def encode_linear(
             how += f", linear in {first_channel + relation.source}"
         parts.append((f"bit for bit, {how}", size))
     return Unit(coded, None, "predicted + exact", "bit for bit", exact=True, parts=tuple(parts))
-
-
-def may_have_counts(unit: Unit, x: Doubles) -> bool:
-    """Whether a channel may be in a track of doubles: words of which one is larger than those of a
-    binary grid may not. Others do not come near the largest double, where sums overflow."""
-    small = float(np.abs(x).max(initial=0.0)) <= EXACT_LIMIT
-    return small or unit.base.track.number_format == "counts"
 
 
 def candidate_of(unit: Unit, x: Doubles) -> Candidate | None:

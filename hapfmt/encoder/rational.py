@@ -14,7 +14,7 @@ few of its codes is found as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from math import floor, gcd, log2, nextafter
@@ -377,13 +377,30 @@ def fitted_all(
         rest = v - times * step
         return float(rest.max() - rest.min())
 
-    best = _minimum(spread, steps.low, steps.high)
+    # Where it is smallest, by thirds: it is convex.
+    low, high = steps.low, steps.high
+    for _ in range(HALVINGS):
+        a, b = low + (high - low) / 3, high - (high - low) / 3
+        if spread(a) <= spread(b):
+            high = b
+        else:
+            low = a
+    best = low / 2 + high / 2
     middle, least = Fraction(float(u[centre])), spread(best)
     for noise in noises:
         allowed = max(2 * noise, least)
-        low = _boundary(spread, allowed, best, steps.low)
-        high = _boundary(spread, allowed, best, steps.high)
-        a, d = _simplest_between(Fraction(low), Fraction(high)).as_integer_ratio()
+        ends = []
+        for end in (steps.low, steps.high):
+            # The last step from the best towards the end that still allows it.
+            outside, inside = end, end if spread(end) <= allowed else best
+            for _ in range(HALVINGS if inside != outside else 0):
+                middle_step = inside / 2 + outside / 2
+                if spread(middle_step) <= allowed:
+                    inside = middle_step
+                else:
+                    outside = middle_step
+            ends.append(Fraction(inside))
+        a, d = _simplest_between(*ends).as_integer_ratio()
         rest = v - times * (a / d)
         low, high = float(rest.max()) - allowed / 2, float(rest.min()) + allowed / 2
         offset = _simplest_between(d * (middle + Fraction(low)), d * (middle + Fraction(high)))
@@ -445,32 +462,6 @@ def shortest_fraction(value: float) -> Fraction:
     ratio = simplest_fraction(low, high, closed, closed)
     assert ratio is not None  # the value itself lies inside
     return ratio
-
-
-def _minimum(function: Callable[[float], float], low: float, high: float) -> float:
-    """Where a convex function is smallest, by thirds."""
-    for _ in range(HALVINGS):
-        a, b = low + (high - low) / 3, high - (high - low) / 3
-        if function(a) <= function(b):
-            high = b
-        else:
-            low = a
-    return low / 2 + high / 2
-
-
-def _boundary(
-    function: Callable[[float], float], bound: float, inside: float, outside: float
-) -> float:
-    """The last place from ``inside`` towards ``outside`` where the function is within the bound."""
-    if function(outside) <= bound:
-        return outside
-    for _ in range(HALVINGS):
-        middle = inside / 2 + outside / 2
-        if function(middle) <= bound:
-            inside = middle
-        else:
-            outside = middle
-    return inside
 
 
 def _simplest_between(one: Fraction, other: Fraction) -> Fraction:
