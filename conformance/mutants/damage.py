@@ -357,7 +357,7 @@ MUTANTS = (
         "index-number-unchecked",
         "The number of the first chunk that an index lists is not compared.",
         "IDX-002",
-        Edit("format.index:check_listing", "if index.first_sequence != start:", "if False:"),
+        Edit("format.extras:check_listing", "if index.first_sequence != start:", "if False:"),
         role="verifier",
     ),
     mutant(
