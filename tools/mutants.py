@@ -45,15 +45,7 @@ CALCULATED: dict[type[ast.operator], type[ast.operator]] = {
     ast.BitOr: ast.BitAnd, ast.LShift: ast.RShift, ast.RShift: ast.LShift,
 }  # fmt: skip
 SWAPPED = {"min": "max", "max": "min", "any": "all", "all": "any", "ceil": "floor", "floor": "ceil"}
-STATEMENTS = (
-    ast.Assign,
-    ast.AugAssign,
-    ast.AnnAssign,
-    ast.Expr,
-    ast.Raise,
-    ast.Continue,
-    ast.Break,
-)
+STATEMENTS = ast.Assign | ast.AugAssign | ast.AnnAssign | ast.Expr | ast.Raise | ast.Continue
 MEMORY = 2 << 30
 GROWTH = 3
 """A mutant may take this many times as long as the module itself, and a few seconds more."""
@@ -92,12 +84,6 @@ def expressions(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
             yield "min, max", ast.Call(ast.Name(SWAPPED[name], ast.Load()), arguments, keywords)
 
 
-def conditions(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
-    """The opposite of a condition that is a name, an attribute or a call."""
-    if isinstance(node, ast.Name | ast.Attribute | ast.Call):
-        yield "sign, not", ast.UnaryOp(ast.Not(), node)
-
-
 def statements(node: ast.AST, inside: bool) -> Iterator[tuple[str, ast.stmt]]:
     """What may stand in the place of a statement; ``inside`` a function."""
     match node:
@@ -112,9 +98,10 @@ def statements(node: ast.AST, inside: bool) -> Iterator[tuple[str, ast.stmt]]:
         yield "statement left out", ast.Pass()
 
 
-def places(
-    node: ast.AST, inside: bool = False
-) -> Iterator[tuple[str, ast.AST, str, int | None, ast.AST]]:
+Place = tuple[str, ast.AST, str, int | None, ast.AST]
+
+
+def places(node: ast.AST, inside: bool = False) -> Iterator[Place]:
     """Each change: its kind, the parent, the field, the place in a list, and the new node.
 
     Annotations and the texts of errors stay as they are."""
@@ -126,8 +113,9 @@ def places(
             if not isinstance(child, ast.AST) or isinstance(child, ast.JoinedStr):
                 continue
             found = [*statements(child, inside), *expressions(child)]
-            if field == "test" or isinstance(node, ast.BoolOp | ast.Not):
-                found += conditions(child)
+            condition = field == "test" or isinstance(node, ast.BoolOp)
+            if condition and isinstance(child, ast.Name | ast.Attribute | ast.Call):
+                found.append(("sign, not", ast.UnaryOp(ast.Not(), child)))
             yield from ((kind, node, field, place, new) for kind, new in found)
             yield from places(child, inside)
 
@@ -197,14 +185,9 @@ def start(loader: Loader, code: CodeType, tests: list[str], seconds: float) -> i
         os._exit(1)
 
 
-def fate(status: int) -> str:
-    if os.WIFSIGNALED(status):
-        return "timed out" if os.WTERMSIG(status) == signal.SIGALRM else "killed"
-    return "killed" if os.WEXITSTATUS(status) else "survived"
-
-
-def run(loader: Loader, mutants: list[Mutant], tests: list[str], seconds: float, jobs: int
-        ) -> Iterator[tuple[Mutant, str]]:  # fmt: skip
+def run(
+    loader: Loader, mutants: list[Mutant], tests: list[str], seconds: float, jobs: int
+) -> Iterator[tuple[Mutant, str]]:
     running: dict[int, Mutant] = {}
     waiting = list(reversed(mutants))
     while waiting or running:
@@ -212,10 +195,11 @@ def run(loader: Loader, mutants: list[Mutant], tests: list[str], seconds: float,
             mutant = waiting.pop()
             running[start(loader, mutant.code, tests, seconds)] = mutant
         pid, status = os.wait()
-        yield running.pop(pid), fate(status)
+        slow = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGALRM
+        yield running.pop(pid), "timed out" if slow else "killed" if status else "survived"
 
 
-@click.command(help=__doc__.replace("\n\n", "\n\n\b\n", 1))
+@click.command(help=__doc__)
 @click.argument("module", type=click.Path(exists=True, path_type=Path))
 @click.option("--tests", required=True, help="What pytest runs: files, or options of its own.")
 @click.option("--sample", type=click.IntRange(1), help="Only this many, chosen at random.")
@@ -245,8 +229,8 @@ def main(module: Path, tests: str, sample: int | None, seed: int, jobs: int) -> 
         if found == "survived":
             click.echo(f"{module}:{mutant.line}: {mutant.change}")
     fates = ("killed", "timed out", "survived")
-    rows = [[kind, *(str(kinds[kind][fate]) for fate in fates)] for kind in sorted(kinds)]
-    rows.append(["all", *(str(sum(kinds[kind][fate] for kind in kinds)) for fate in fates)])
+    rows = [[kind, *(count[fate] for fate in fates)] for kind, count in sorted(kinds.items())]
+    rows.append(["all", *(sum(count[fate] for count in kinds.values()) for fate in fates)])
     print_table(["change", *fates], rows)
     click.echo(f"{len(mutants)} mutants in {time.monotonic() - began:.0f} s")
 
