@@ -11,6 +11,7 @@ Prints a table and every mutant that survives. Needs fork.
 from __future__ import annotations
 
 import ast
+import io
 import os
 import random
 import resource
@@ -20,6 +21,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import redirect_stderr, redirect_stdout
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from importlib.util import spec_from_file_location
 from pathlib import Path
@@ -46,6 +48,7 @@ CALCULATED: dict[type[ast.operator], type[ast.operator]] = {
 }  # fmt: skip
 SWAPPED = {"min": "max", "max": "min", "any": "all", "all": "any", "ceil": "floor", "floor": "ceil"}
 STATEMENTS = ast.Assign | ast.AugAssign | ast.AnnAssign | ast.Expr | ast.Raise | ast.Continue
+OPTIONS = ["-p", "no:cacheprovider", "--tb=no", "--assert=plain"]
 MEMORY = 2 << 30
 GROWTH = 3
 """A mutant may take this many times as long as the module itself, and a few seconds more."""
@@ -167,6 +170,16 @@ class Quick:
         settings.load_profile("mutants")
 
 
+def prepare(tests: list[str]) -> None:
+    """Import once what every process needs, but for the modules of the clone."""
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        pytest.main(["--collect-only", *OPTIONS, *tests])
+    folders = [str(installed.ROOT / part) for part in ("hapfmt", "tests", "conformance")]
+    for name, module in list(sys.modules.items()):
+        if (getattr(module, "__file__", None) or "").startswith(tuple(folders)):
+            del sys.modules[name]
+
+
 def start(loader: Loader, code: CodeType, tests: list[str], seconds: float) -> int:
     """A process that ends with what pytest ends with; a signal ends it after ``seconds``."""
     if pid := os.fork():
@@ -179,8 +192,7 @@ def start(loader: Loader, code: CodeType, tests: list[str], seconds: float) -> i
     loader.code = code
     sys.meta_path.insert(0, loader)  # type: ignore[arg-type]
     try:
-        options = ["-x", "-p", "no:cacheprovider", "--tb=no", "--assert=plain"]
-        os._exit(pytest.main([*options, *tests], [Quick()]))
+        os._exit(pytest.main(["-x", *OPTIONS, *tests], [Quick()]))
     except BaseException:
         os._exit(1)
 
@@ -215,9 +227,8 @@ def main(module: Path, tests: str, sample: int | None, seed: int, jobs: int) -> 
     if sample is not None:
         chosen = random.Random(seed).sample(range(len(mutants)), min(sample, len(mutants)))
         mutants = [mutants[place] for place in sorted(chosen)]
-    for known in [known for known in sys.modules if known.partition(".")[0] == "hapfmt"]:
-        del sys.modules[known]  # each process imports them again, with the mutant
     os.chdir(installed.ROOT)
+    prepare(asked)
     loader, began = Loader(name, str(path)), time.monotonic()
     right = Mutant("none", 0, "none", compile(source, str(path), "exec"))
     if [found for _, found in run(loader, [right], asked, 3600, 1)] != ["survived"]:
