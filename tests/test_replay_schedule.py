@@ -422,6 +422,15 @@ class TestLossOfSignal:
         sent(schedule)
         assert schedule.counts.gap_samples == 11
 
+    @given(st.lists(st.booleans(), max_size=40))
+    def test_any_gaps(self, known):
+        """All that is not known after the first that is, if the signal comes back after it."""
+        known = [*known, *[True] * 8]
+        schedule = Schedule(make_profile())
+        schedule.feed(make_block(0, np.ones(len(known)), np.array(known)[:, None]))
+        sent(schedule, len(known))
+        assert schedule.counts.gap_samples == known[known.index(True) :].count(False)
+
     @pytest.mark.parametrize("value", [nan, inf, -inf])
     def test_not_finite(self, value):
         schedule = started([1] * 4 + [value] * 2 + [1] * 6)
@@ -555,6 +564,11 @@ class TestTime:
             assert schedule.next_ns == due_ns
             assert schedule.frames_due(due_ns - 1) is None
             assert schedule.frames_due(due_ns)[:2] == (number, due_ns)
+
+    def test_periods_of_seconds(self):
+        schedule = Schedule(make_profile(make_actuator(slew=1), rate=Fraction(1, 2), hold_s=3.0))
+        schedule.frames_due(0)
+        assert schedule.next_ns == 2 * 10**9
 
     def test_a_clock_that_goes_back_a_little(self):
         schedule = started(np.ones(50))
