@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import replace
 from fractions import Fraction
 from math import inf, nan
@@ -17,14 +18,15 @@ from hapfmt.replay.profile.model import CountLimits
 from hapfmt.replay.schedule import Limiter, Schedule, ramp_samples
 
 MS = 10**6
-ALL = 10**6
-"""Samples: a block without an end."""
+ENDLESS = 10_000
+"""Counts: no replay here is as long."""
 
 
 def sent(schedule, frames=None):
     """The counts of the first actuator in the next frames, on time."""
     found = []
     while schedule.state != "ended" and (frames is None or len(found) < frames):
+        assert len(found) < ENDLESS, "it does not end"
         frame = schedule.frames_due(schedule.next_ns)
         found.extend(row[0] for row in frame.counts)
     return found
@@ -186,6 +188,29 @@ class TestRamps:
         schedule.feed(make_block(0, np.ones(40), known))
         assert sent(schedule, 10)[5:] == [854, 500, 146, 0, 0]
         assert schedule.frames_due(20 * MS).counts == ((146,),)
+
+    def test_a_skip_over_a_hole_between_blocks(self):
+        schedule = started(np.ones(6))
+        schedule.feed(make_block(8, np.full(20, 4.0)))
+        sent(schedule, 5)
+        assert schedule.frames_due(10 * MS).counts == ((854,),)
+        assert sent(schedule, 5) == [500, 146, 0, 586, 2000]
+
+    def test_a_skip_before_a_join(self):
+        """Only what is skipped must be known."""
+        known = np.ones((20, 1), bool)
+        known[9] = False
+        schedule = started(np.ones(5))
+        schedule.feed(make_block(5, np.ones(20), known))
+        sent(schedule, 6)
+        assert schedule.frames_due(8 * MS).counts == ((1000,),)
+        assert sent(schedule, 6) == [1000] * 5 + [854]
+
+    def test_a_skip_of_frames_of_many_samples(self):
+        schedule = started(np.arange(60) / 20, make_profile(frame_samples=3))
+        sent(schedule, 3)
+        assert schedule.frames_due(15 * MS).counts == ((750,), (800,), (850,))
+        assert schedule.played == 18
 
     def test_a_ramp_too_long_to_be_seen(self):
         """So long that a raised cosine of its first sample is zero as a double."""
@@ -465,6 +490,42 @@ class TestLossOfSignal:
         sent(schedule, 7)
         assert (schedule.counts.under_runs, schedule.counts.under_run_samples) == (2, 5)
 
+    def test_a_first_frame_that_waits_counts_too(self):
+        """That of a replay, and that after a seek."""
+        schedule = Schedule(make_profile(frame_samples=3))
+        for generation in (0, 1):
+            schedule.seek(generation, 0)
+            schedule.feed(make_block(0, np.ones(2), generation=generation))
+            sent(schedule, 15)
+            assert schedule.counts.under_runs == generation + 1
+
+    def test_a_last_block_that_brings_nothing(self):
+        """It ends the recording after what came before it."""
+        schedule = started(np.ones(6))
+        schedule.feed(make_block(2, [9, 9], last=True))
+        assert sent(schedule) == [146, 500, 854, 1000, 1000, 1000, 854, 500, 146, 0]
+
+    def test_blocks_are_kept_until_they_are_played(self):
+        schedule = started(np.ones(4))
+        block = make_block(4, np.ones(4))
+        kept = weakref.ref(block.values)
+        schedule.feed(block)
+        schedule.feed(make_block(8, np.ones(4)))
+        del block
+        sent(schedule, 8)
+        assert kept() is not None  # the last frame may come back
+        sent(schedule, 1)
+        assert kept() is None
+
+    def test_blocks_after_a_stop_are_not_kept(self):
+        schedule = started(np.ones(4))
+        schedule.stop()
+        block = make_block(4, np.ones(4))
+        kept = weakref.ref(block.values)
+        schedule.feed(block)
+        del block
+        assert kept() is None
+
     def test_the_samples_that_a_frame_needs(self):
         schedule = Schedule(make_profile(frame_samples=3))
         assert schedule.needs_blocks
@@ -529,6 +590,9 @@ class TestLossOfSignal:
         block = make_block(0, np.ones(3))
         with pytest.raises(ParameterError, match="samples, 1"):
             Schedule(make_profile()).feed(block._replace(known=np.ones((2, 1), bool)))
+        for values in (np.ones((3, 2)), np.ones(3)):
+            with pytest.raises(ParameterError, match="samples, 1"):
+                Schedule(make_profile()).feed(block._replace(values=values))
 
 
 class TestTime:
@@ -659,6 +723,7 @@ class TestEnds:
         schedule.seek(1, 0)
         schedule.feed(make_block(0, np.ones(9), generation=1))
         assert sent(schedule) == [854, 500, 146, 0]
+        assert schedule.played == 5
         assert schedule.frames_due(10**12) is None
         schedule.stop("device-lost")
         assert schedule.outcome == "interrupted"
