@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
 import subprocess
 import sys
@@ -11,6 +10,8 @@ from importlib.util import module_from_spec, spec_from_file_location
 
 import pytest
 from spec import ROOT
+
+pytest.importorskip("resource", reason="the tool needs POSIX")
 
 TOOL = ROOT / "tools" / "mutants.py"
 
@@ -87,7 +88,6 @@ def run(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.deep
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="mutants need fork")
 class TestARun:
     MODULE = "hapfmt/replay/process/report.py"
 

@@ -5,7 +5,7 @@ python tools/mutants.py hapfmt/replay/schedule.py --tests "tests/test_replay_sch
 Each mutant changes one place of the module: a comparison, a sign, a number, a condition, a result,
 or a statement that is left out. A process of its own imports it and runs the tests up to the first
 that fails. Nothing is written into the clone. Programs that tests start see the module as it is.
-Prints a table and every mutant that survives. Needs fork.
+Prints a table and every mutant that survives. Needs POSIX.
 """
 
 from __future__ import annotations
@@ -50,8 +50,10 @@ SWAPPED = {"min": "max", "max": "min", "any": "all", "all": "any", "ceil": "floo
 STATEMENTS = ast.Assign | ast.AugAssign | ast.AnnAssign | ast.Expr | ast.Raise | ast.Continue
 OPTIONS = ["-p", "no:cacheprovider", "--tb=no", "--assert=plain"]
 MEMORY = 2 << 30
-GROWTH = 3
-"""A mutant may take this many times as long as the module itself, and a few seconds more."""
+LATE = (signal.SIGPROF, signal.SIGALRM)
+GROWTH, WAITING = 4, 40
+"""A mutant may take this many times the CPU time of the module itself, and this many times longer
+if it only waits. Other work on the machine makes no mutant late."""
 
 
 class Mutant(NamedTuple):
@@ -184,7 +186,8 @@ def start(loader: Loader, code: CodeType, tests: list[str], seconds: float) -> i
     """A process that ends with what pytest ends with; a signal ends it after ``seconds``."""
     if pid := os.fork():
         return pid
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    signal.setitimer(signal.ITIMER_PROF, GROWTH * seconds)
+    signal.setitimer(signal.ITIMER_REAL, WAITING * seconds)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in range(3):
@@ -207,7 +210,7 @@ def run(
             mutant = waiting.pop()
             running[start(loader, mutant.code, tests, seconds)] = mutant
         pid, status = os.wait()
-        slow = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGALRM
+        slow = os.WIFSIGNALED(status) and os.WTERMSIG(status) in LATE
         yield running.pop(pid), "timed out" if slow else "killed" if status else "survived"
 
 
@@ -218,8 +221,6 @@ def run(
 @click.option("--seed", default=1, show_default=True, help="Of the choice.")
 @click.option("--jobs", default=2, show_default=True, help="Mutants at a time.")
 def main(module: Path, tests: str, sample: int | None, seed: int, jobs: int) -> None:
-    if not hasattr(os, "fork"):
-        sys.exit("mutants need fork")
     path, asked = module.resolve(), shlex.split(tests)
     name = ".".join(path.relative_to(installed.ROOT).with_suffix("").parts)
     source = path.read_text("utf-8")
@@ -233,7 +234,8 @@ def main(module: Path, tests: str, sample: int | None, seed: int, jobs: int) -> 
     right = Mutant("none", 0, "none", compile(source, str(path), "exec"))
     if [found for _, found in run(loader, [right], asked, 3600, 1)] != ["survived"]:
         sys.exit("the tests fail without a mutant")
-    seconds = GROWTH * jobs * (time.monotonic() - began) + 5
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = used.ru_utime + used.ru_stime + 1
     kinds: dict[str, Counter[str]] = {}
     for mutant, found in run(loader, mutants, asked, seconds, jobs):
         kinds.setdefault(mutant.kind, Counter())[found] += 1
