@@ -93,6 +93,24 @@ class TestRamps:
         assert sent(schedule, 3) == [293, 1000, 1707]
         assert schedule.counts.under_runs == 0
 
+    @pytest.mark.parametrize("generation", [0, 2])
+    def test_blocks_of_another_seek(self, generation):
+        """Those from before it, and those of one that is still to come, are not played."""
+        schedule = started(np.ones(20))
+        schedule.seek(1, 0)
+        schedule.feed(make_block(0, np.full(9, 2.0), generation=generation, last=True))
+        assert sent(schedule, 3) == [0, 0, 0]
+        schedule.feed(make_block(0, np.ones(9), generation=1))
+        assert sent(schedule, 4) == [146, 500, 854, 1000]
+
+    def test_a_block_that_ends_where_a_seek_begins(self):
+        """It brings nothing, so the replay waits for one that does."""
+        schedule = started(np.ones(20))
+        schedule.seek(1, 50)
+        schedule.feed(make_block(40, np.ones(10), generation=1))
+        assert sent(schedule, 3) == [0, 0, 0]
+        assert (schedule.played, schedule.counts.under_runs) == (50, 0)
+
     def test_a_seek_in_a_ramp(self):
         schedule = started(np.ones(20))
         assert sent(schedule, 2) == [146, 500]
