@@ -16,8 +16,8 @@ from judge import rule, samples
 
 from hapfmt.errors import FormatError
 from hapfmt.format.cluster import Packet
-from hapfmt.format.extras import Attachment
-from hapfmt.format.index import (
+from hapfmt.format.extras import (
+    Attachment,
     Foot,
     Index,
     IndexEntry,
