@@ -1,4 +1,4 @@
-"""Hard contact at replay: what each kernel makes of it, and what the limiter leaves of its steps.
+"""Hard contact at replay: how each kernel renders it, and how far the limiter reduces its steps.
 
 python tools/stiff.py [FILE.npz:CHANNEL ...]
 
@@ -46,7 +46,7 @@ SHAPES: tuple[Shape, ...] = ("linear", "band-limited", "bounded")
 
 
 class Limits(NamedTuple):
-    """Of a device: largest force, and change per second."""
+    """Limits of a device: largest force, and change per second."""
 
     largest: float
     slew: float

@@ -70,7 +70,7 @@ MUTANTS = (
         "DAT-004",
         Edit(
             "format.wire:cluster_seed",
-            'zlib.crc32(sequence.to_bytes(8, "little"), seed_of(file_id))',
+            'crc32(sequence.to_bytes(8, "little"), seed_of(file_id))',
             "seed_of(file_id)",
         ),
     ),

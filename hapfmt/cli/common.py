@@ -551,7 +551,7 @@ def line(edited: Edited) -> str:
     )
 
 
-def named(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
+def offsets_of(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
     """FILE=SECONDS by the place of the file."""
     found: dict[int, Any] = {}
     for pair in pairs:

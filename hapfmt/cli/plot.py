@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ..limits import Limits
 
 ZOOM_TICKS = 400
-"""Of the stretch that is drawn sample by sample."""
+"""Length of the stretch that is drawn sample by sample."""
 LINES = 3
 """Largest number of lines about losses below the picture."""
 
@@ -84,7 +84,7 @@ def plot(
     One channel fills a page: the signal, its deadband and the knots of its slow part, a stretch of
     it sample by sample, the texture, the spectrum. A few have a row each; many are small pictures
     side by side. A PDF has as many pages as needed, and a page for each channel if there are at
-    most 12. Of a PNG or SVG, each further page is a file of its own: touch-1.png, touch-2.png.
+    most 12. A PNG or SVG has one page; further pages are files of their own: touch-1.png.
     Gaps are hatched. Damage is crossed and named; the exit code is then 3.
 
     \b
@@ -190,7 +190,7 @@ def header(
 
 
 def largest_error(views: list[ChannelView]) -> list[str]:
-    """Of the channel that has the largest, by its range; one channel says it in its own title."""
+    """The largest error relative to the range of its channel; among several, the channel too."""
     from ..lab.views import relative_error
 
     shares = [(relative_error(view), view) for view in views]
@@ -204,7 +204,7 @@ def largest_error(views: list[ChannelView]) -> list[str]:
 def footnotes(
     parts: Parts, views: list[ChannelView], start: Fraction | None, stop: Fraction | None
 ) -> list[str]:
-    lines = told(parts, start, stop)
+    lines = damage_of(parts, start, stop)
     missing = sum(view.only_original for view in views)
     if missing:
         verb = "is" if missing == 1 else "are"
@@ -212,7 +212,9 @@ def footnotes(
     return lines
 
 
-def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = "") -> list[str]:
+def damage_of(
+    parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = ""
+) -> list[str]:
     """Damage of the file, in a few lines."""
     from ..lab.parts import FileParts
     from ..reading.damage import lost_lines

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ..replay.sinks.record import RecordSink
 
 ENDLESS = 0
-"""Of --loop without a number."""
+"""Value of --loop without a number."""
 
 METERED = 1000
 """Frames from one step of the progress bar to the next."""
@@ -290,10 +290,10 @@ def recording(
 
     head = reader.catalogue.head
     source = head.uuid.hex() if head and head.uuid else None
-    told = {**played, "source_uuid": source}
-    content = json.dumps([told, profile.text]).encode()
+    metadata = {**played, "source_uuid": source}
+    content = json.dumps([metadata, profile.text]).encode()
     canonical = int.from_bytes(hashlib.sha256(content).digest()[:8], "little") if dry_run else None
-    return RecordSink(target, profile, metadata=told, force=force, canonical=canonical)
+    return RecordSink(target, profile, metadata=metadata, force=force, canonical=canonical)
 
 
 def rehearsed(

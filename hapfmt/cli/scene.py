@@ -132,7 +132,7 @@ def write_scene(
     with progress("simulating") as advance:
         recording, work = simulate(asked, progress=advance)
     simulated = time.perf_counter() - began
-    told: dict[str, Any] = {
+    result: dict[str, Any] = {
         **recording.metadata["scene"],
         "seconds": float(recording.duration),
         "channels": [channel.label for channel in recording.channels],
@@ -140,11 +140,11 @@ def write_scene(
         "simulate_s": simulated,
     }
     if kind == HAPF:
-        told |= encode_to(recording, target, preset or "lossless", force)
+        result |= encode_to(recording, target, preset or "lossless", force)
     else:
         save_recording(recording, target, kind, force)
     if as_json and target != "-":
-        echo_json(told)
+        echo_json(result)
     elif target != "-":
         say(
             f"{target}: {asked.name or 'scene'}, "

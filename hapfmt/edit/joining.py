@@ -72,7 +72,7 @@ class Joining:
         self.labels: dict[int, str] = {}
         self.notes: list[str] = []
         self.added: list[tuple[dict[int, int], dict[int, int], range]] = []
-        """Of each file: new ids by old ones, channel numbers by old ones, which ids are new."""
+        """For each file: new ids by old ones, channel numbers by old ones, which ids are new."""
 
     def plan(
         self, number: int, shift: Fraction = Fraction(0), *, only_new: bool = False
@@ -182,7 +182,7 @@ class Joining:
         if residual is not None and theirs is not None:
             mine.append((residual, self.tracks[theirs]))
         alike = (residual is None) == (theirs is None) and all(joinable(a, b) for a, b in mine)
-        # Nobody knows what a TLV that is not known here speaks of.
+        # An unknown TLV may refer to anything.
         if alike and not any(one.unknown for pair in mine for one in pair):
             self.widen(last.id, track)
             return last.id
@@ -342,11 +342,11 @@ def by_epoch(
     """Offsets to the nearest whole ticks, and what that moved."""
     offsets, notes = [], []
     for original, period in zip(originals, periods, strict=True):
-        told = Fraction(epoch_of(original) - epoch_of(first), NS)
-        offset = nearest(told, period)
+        distance = Fraction(epoch_of(original) - epoch_of(first), NS)
+        offset = nearest(distance, period)
         offsets.append(offset)
-        if offset != told:
-            moved = float(offset - told)
+        if offset != distance:
+            moved = float(offset - distance)
             notes.append(f"{original.name}: {moved:+.3g} s from its epoch, to whole ticks")
     return offsets, notes
 

@@ -56,10 +56,10 @@ DESCRIBED = frozenset({"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "mETa", "dGST"})
 
 
 class Original(Closing):
-    """Opens a path, bytes, or a binary stream for editing; ``scan`` checks all of it at once;
-    ``limits`` bound what of it is kept in memory.
+    """Opens a path, bytes, or a binary stream for editing.
 
-    Raises an error that says to recover the file first, where anything about it is damaged.
+    ``scan`` checks the whole file first. ``limits`` bound its memory. Raises an error that
+    recommends recovery if any part of it is damaged.
     """
 
     def __init__(self, file: Input, *, scan: bool = True, limits: Limits | None = None) -> None:
@@ -80,7 +80,7 @@ class Original(Closing):
 
     @property
     def name(self) -> str:
-        """To speak of it; pipes and bytes have none."""
+        """The name in messages; pipes and bytes have none."""
         return self.source.path or "the input"
 
     @property
@@ -98,7 +98,7 @@ class Original(Closing):
 
     @property
     def attachments(self) -> dict[str, Attachment]:
-        """By name; where the index is wrong, the whole file is read."""
+        """Attachments by name; if the index is wrong, the whole file is read."""
         try:
             return self.catalogue.attachments
         except FalseIndexError:
@@ -107,7 +107,7 @@ class Original(Closing):
 
     @property
     def labels(self) -> dict[int, str]:
-        """By channel number."""
+        """Labels by channel number."""
         return labels_of(self.tracks)
 
     def refuse(self) -> None:
@@ -136,8 +136,8 @@ class Original(Closing):
         return error
 
     def check_known(self, tracks: Sequence[Track]) -> None:
-        """Packets are copied whatever their codec; of another kind of track nobody knows what its
-        description refers to."""
+        """Packets of any codec are copied. A track of an unknown kind is refused, since its
+        description may refer to anything."""
         for track in tracks:
             if track.unsupported and not track.unsupported.startswith("codec "):
                 raise UnsupportedError(
@@ -165,7 +165,7 @@ class Original(Closing):
         stop: Seconds | None = None,
         progress: Advance | None = None,
     ) -> Iterator[list[Packet]]:
-        """The packets of one DATA chunk after the other, every CRC checked."""
+        """The packets of one DATA chunk after another, with all CRCs checked."""
         refs = self.refs(start, stop)
         last: dict[int, int] = {}
         for done, ref in enumerate(refs):
@@ -378,10 +378,10 @@ Output = str | os.PathLike[str] | BinaryIO
 
 @dataclass
 class Edited:
-    """What an editor wrote, and what it had to leave out or change (``notes``).
+    """The result of an edit; ``notes`` list omissions and changes.
 
-    ``start`` and ``stop``: seconds that the kept packets lie within, on the new time line; None
-    where there are none.
+    ``start`` and ``stop``: the kept packets are within these seconds of the new time line; None if
+    there are none.
     """
 
     file: str | None = None
@@ -676,7 +676,7 @@ def slow_alone(track: Track, residual: Track) -> Track:
 def residual_alone(track: Track, residual: Track) -> Track:
     """The HF track in full band, described as its base is; B of the calibration is 0 (DEC-005).
 
-    Nobody recorded it by itself: its contract is an aim.
+    It was not recorded by itself: its contract is an aim.
     """
     components = tuple(
         replace(c, calibration=Affine(c.calibration.a, 0, c.calibration.d))

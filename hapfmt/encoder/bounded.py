@@ -241,7 +241,7 @@ def contract_for(band: Deadband) -> Contract:
 
 
 def scalar_ways(source: InputBlock, bound: Bound) -> list[Way]:
-    """Of one channel; what is soon tried comes first."""
+    """The ways to code one channel; quick ones come first."""
     step = min(bound.slack, STEP_LIMIT // 2 - 1)
     even, grid = LpcParameters(2 * step + 1), grid_within(bound)
     ways: list[Way] = [
@@ -302,5 +302,5 @@ def hopeless(pieces: Iterable[Indices], size: int) -> bool:
 
 
 def lossless_bits(source: InputBlock) -> float:
-    """Bits that the counts of one channel hardly stay below without loss."""
+    """A lower estimate of the bits of one channel without loss."""
     return HOPE * sum(quick_estimate(rows[:, 0]) for _, rows in source.pieces(source.counts))

@@ -323,7 +323,7 @@ def encode_words(
 
 
 def words_size(channel: Channel, spans: Sequence[Span]) -> float:
-    """Bytes that RAWB words hardly stay below."""
+    """A lower estimate of the bytes of RAWB words."""
     size, samples, stride = 0, 0, -(-len(spans) // PROBES)
     firsts = list(accumulate((span.ticks for span in spans), initial=0))
     for place in range(stride // 2, len(spans), stride):
@@ -352,7 +352,7 @@ LINEAR_PROBED = 40
 """Samples that rule most channels out as sources."""
 
 NEAR = 2.0**-36
-"""Of the largest value: what a relation may leave there."""
+"""A relation may leave this share of the largest value."""
 
 FORMS = ((0, 0), (1, 0), (1, 1), (2, 2))
 """Lags of the channel itself and of the other one, the fewest first."""
@@ -368,8 +368,8 @@ DEPENDENT = 1e-14
 
 
 class Relation(NamedTuple):
-    """Of channel ``target``, by its place among those that were looked at, to channel ``source``;
-    ``bits`` a sample of its corrections."""
+    """How channel ``target`` follows from channel ``source``; both are places among the examined
+    channels. ``bits``: size of the corrections of one sample."""
 
     target: int
     source: int
@@ -426,7 +426,7 @@ def sources_of(target: int, looked: Sequence[Doubles]) -> list[int]:
 
 
 def within_reach(y: Doubles, sources: Sequence[Doubles], limit: float) -> list[bool]:
-    """Of each source whether a few samples leave it possible that all are within the limit."""
+    """For each source: False if a few samples already show an error above the limit."""
     if not sources:
         return []
     few = slice(0, LINEAR_PROBED + SETTLING)

@@ -189,7 +189,7 @@ def to_counts(
             return channel, f"stored as {values.dtype}: {snapped}"
         found, declared = snapped
         if not found.exact:
-            # Of large values the search rounds products; a verifier takes the nearest count.
+            # The search rounds products of large values; a verifier takes the nearest count.
             found = replace(
                 found, counts=nearest_counts(search.values, found.calibration).astype(np.int32)
             )

@@ -60,7 +60,7 @@ from .knots import Coded
 Indices = NDArray[np.int64]
 
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 20, 24, 28, 32)
-"""LPC orders that are tried; between them the size hardly changes."""
+"""LPC orders that are tried; orders between them give nearly the same sizes."""
 
 TRIED = (3, 8, 20)
 """The loud parts of a packet need more coefficients than its quiet rest repays. So these orders are
@@ -70,7 +70,7 @@ COEFFICIENT_COST = 8
 """Bits."""
 
 REPEAT_SHARE = 0.02
-"""From this share of unchanged samples on, coding them as such is tried."""
+"""Repeats are tried from this share of unchanged samples on."""
 
 FINALISTS, SPARSE, SHORT = 3, 1.5, 1500
 """The encoder writes the packets of the best 3 predictors, with repeats and without, and keeps the
@@ -276,8 +276,8 @@ def estimate(
     """Bits of a packet, all samples being within ``extent`` of 0.
 
     They are those of Laplacian prediction errors whose scale is that of their block, infinite
-    where one of them cannot be coded (SPEC RNG-003, LPC-005). ``counted``: signs and repeats by
-    what their models make of them, which takes longer; else a sign is a bit.
+    where one of them cannot be coded (SPEC RNG-003, LPC-005). ``counted``: signs and repeats
+    take the bits of their models, which takes longer to find; else a sign is a bit.
     """
     c = predictor.coefficients
     if c is None:
@@ -443,7 +443,7 @@ def quick_linear_predictor(indices: Indices, costs: list[float]) -> Predictor:
 
 
 def quick_autocorrelation(indices: Indices) -> list[float]:
-    """Of the first differences, lags 0 to 12 (and 0 for further ones), of one piece in two.
+    """Autocorrelation of the first differences at lags 0 to 12, from one piece in two; 0 beyond.
 
     Each piece is divided by its own energy, since bits go by its logarithm; sums of 18 bits are
     exact.

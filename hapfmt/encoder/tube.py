@@ -247,8 +247,8 @@ def fewest_hold(
     lower, upper
         counts, integers [ticks], lower <= upper; at least one tick.
 
-    No choice of knots has fewer: each piece goes on as long as one value fits. Of the values that
-    fit the one closest to the piece before is taken, and differences stay small.
+    No choice of knots has fewer: each piece goes on as long as one value fits. It takes
+    the fitting value closest to the piece before, so that differences stay small.
     """
     low_row, high_row = bounds(lower, upper)
     if compiled is not None:
@@ -728,7 +728,7 @@ def last_front(tubes: list[Tube]) -> list[Knot]:
 
 
 def candidates(tubes: list[Tube], front: Front) -> list[int]:
-    """Ticks for the next knots, best first; the last of them can be reached whatever happens."""
+    """Ticks for the next knots, best first; the last of them can always be reached."""
     last = front.stop - 1
     slow = min(range(len(tubes)), key=lambda i: front.ways[i][1].stop)
     knot, sweep = front.ways[slow]

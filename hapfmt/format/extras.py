@@ -144,8 +144,10 @@ CHUNK_COUNT = 1 << 14
 
 @dataclass(frozen=True, slots=True)
 class ClockObservation:
-    """The clock showed ``time_ns`` at ``tick`` of a track. track None: ticks are nanoseconds of the
-    recording. uncertainty_ns 0: not known."""
+    """A reading of a clock: it showed ``time_ns`` at ``tick`` of a track.
+
+    With track None, ticks are nanoseconds of the recording. uncertainty_ns 0: unknown.
+    """
 
     clock: str
     track: int | None
@@ -181,15 +183,17 @@ class ClockMap:
         return [time for _, time in self.points]
 
     def time_ns(self, tick: int) -> int:
+        """The time of the clock at a tick, in nanoseconds."""
         (k0, t0), (k1, t1) = self._line(bisect_right(self._ticks, tick))
         return t0 + rdiv((t1 - t0) * (tick - k0), k1 - k0)
 
     def tick(self, time_ns: int) -> int:
+        """The tick at a time of the clock in nanoseconds."""
         (k0, t0), (k1, t1) = self._line(bisect_right(self._times, time_ns))
         return k0 + rdiv((k1 - k0) * (time_ns - t0), t1 - t0)
 
     def _line(self, after: int) -> Sequence[tuple[int, int]]:
-        """Of the last point that is not after something; before the first, the first line."""
+        """The line from the last point at or before something, else the first line."""
         first = min(max(after - 1, 0), len(self.points) - 2)
         return self.points[first : first + 2]
 

@@ -43,7 +43,7 @@ NUMBER_FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64
 WORD_SIZES = {"int64": 8, "uint64": 8, "binary16": 2, "binary32": 4, "binary64": 8}
 CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "LPCX", "EVNT")
 COMPONENTS = 255
-"""Of a track, and of all tracks of a TRAK chunk, at most (TRK-002)."""
+"""Most components of a track, and of all tracks of a TRAK chunk (TRK-002)."""
 
 
 class Affine(NamedTuple):
@@ -327,7 +327,7 @@ def build_contract(contract: Contract) -> bytes:
 
 
 def parse_contract(value: bytes, offset: int, size: int) -> Contract:
-    """Of a track with ``size`` components."""
+    """The error bounds of a track with ``size`` components."""
     kd, position = parse_varint(value, 0, offset)
     kn, position = parse_varint(value, position, offset)
     if position == len(value):

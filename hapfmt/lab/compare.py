@@ -306,10 +306,10 @@ def pair_up(a: Parts, b: Parts) -> list[tuple[int | None, int | None]]:
     """Channels of one label belong together, where labels tell them apart. Where no label matches,
     those of one place and one unit do."""
     mine, others = [c.label for c in a.channels], [c.label for c in b.channels]
-    told = all(
+    distinct = all(
         labels and all(labels) and len(set(labels)) == len(labels) for labels in (mine, others)
     )
-    if told and set(mine) & set(others):
+    if distinct and set(mine) & set(others):
         pairs = [(i, others.index(label)) for i, label in enumerate(mine) if label in others]
     else:
         units = zip(a.channels, b.channels, strict=False)

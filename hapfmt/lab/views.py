@@ -190,7 +190,7 @@ SAMPLES = 1 << 20
 
 
 class Spectrum:
-    """Of runs of [samples] values, Hann window, half overlapping segments without their means."""
+    """Spectrum of runs of [samples]: Hann window, half-overlapping segments without their means."""
 
     def __init__(self, rate_hz: float, sample_count: int) -> None:
         """sample_count: how many will come, about."""

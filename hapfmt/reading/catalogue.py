@@ -122,7 +122,7 @@ class ChannelRef:
 
     @property
     def tracks(self) -> list[Track]:
-        """Of all parts."""
+        """The tracks of all parts."""
         return [track for part in self.parts for track in part.tracks]
 
     @property
@@ -412,7 +412,7 @@ class Catalogue:
                     requirement="DAT-008",
                     offset=chunk.payload_offset + row.offset,
                 )
-            # Of integers: fractions take longer than the samples of a short packet.
+            # With integers: fractions take longer than the samples of a short packet.
             rate, tick_ns = track.rate.numerator, track.rate.denominator * 10**9
             start, stop = row.start * tick_ns // rate, -(-row.stop * tick_ns // rate)
             first = start if first is None else min(first, start)

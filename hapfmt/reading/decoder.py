@@ -107,7 +107,7 @@ class TrackDecoder:
             raise error.at(path=self.path) from None
 
     def decode_events(self, packet: Packet) -> list[CodedEvent]:
-        """Of a track of kind events, in the order of the bytes."""
+        """The events of a track of kind events, in the order of the bytes."""
         try:
             return parse_events(packet.data, packet.start, packet.span, packet.offset)
         except HapfmtError as error:
@@ -195,7 +195,7 @@ class DecodedPiece(NamedTuple):
     exact: NDArray[np.float64] | None = None
     events: Sequence[CodedEvent] = ()
     offset: int = 0
-    """Of the packet in the file."""
+    """Offset of the packet in the file."""
 
     @property
     def digested(self) -> NDArray[Any]:

@@ -120,7 +120,7 @@ class FileWriter:
         self.copied: set[int] = set()
         """First track ids of the TRAK chunks that the file holds twice, NO_TRACK for HEAD."""
         self.entries: list[IndexEntry] = []
-        """Of all chunks: their places are the sequence numbers."""
+        """Entries of all chunks: their places are the sequence numbers."""
         self.resumed_entries = 0
         self.parts: list[IndexLink] = []
         self.indexed_entries = 0

@@ -204,13 +204,24 @@ class Lanes:
 
 @dataclass(frozen=True)
 class Status:
-    """A moment of a recording.
+    """The state of a recording in progress.
 
-    ``seconds``: its length so far. Samples: ``taken`` from the caller, of which ``missing`` were
-    NaN and ``written`` are in the file; ``dropped``, by channel, were not taken. ``queued_size``:
-    bytes of samples in memory. ``cluster_count`` and ``file_size``: as written. ``flushed_s``: the
-    length that a crash leaves. ``blocked_s``: what the caller waited for room. ``busy_s``: CPU time
-    of the encoding thread, ``factor``: seconds that it recorded in each of them.
+    seconds
+        its length so far.
+    taken, missing, written
+        samples that the recorder accepted, those of them that were NaN, and those in the file.
+    dropped
+        {label: samples} that were not accepted.
+    queued_size
+        bytes of samples in memory.
+    cluster_count, file_size
+        clusters and bytes in the file.
+    flushed_s
+        seconds that survive a crash.
+    blocked_s
+        seconds that the caller waited for room in the queue.
+    busy_s, factor
+        CPU seconds of the encoding thread, and seconds recorded in each of them.
     """
 
     seconds: float = 0.0
@@ -271,23 +282,40 @@ class Recorder:
         with Recorder("touch.hapf", inputs) as recorder:
             recorder.write("force", counts)
 
-    ``file``: a path, or a binary stream that is written only. Samples are copied and coded in a
-    thread of its own, cluster by cluster (``cluster`` seconds). What lies before the last
-    ``flush``, and with ``fsync="cluster"`` all but the last cluster or two, survives a crash.
+    A thread encodes copies of the samples, cluster by cluster. Samples before the last ``flush``
+    survive a crash. With ``fsync="cluster"`` so do all but the last cluster or two.
 
-    ``fsync``: "cluster", "close", or a number of seconds: how often the disk is waited for.
-    ``patience``: seconds that a cluster waits for channels behind the others; what they bring later
-    is written in clusters of its own. ``hold``: seconds of wall clock that a sample waits at most
-    for its cluster to be complete [cluster + 2 patience; none in canonical mode].
-    ``queue_size``: bytes that wait for the encoder; ``on_full``: "block" until there is room,
-    "drop" what comes (a gap, counted, reported in a warning and in the file's notes), or "raise"
-    LimitError. ``append``: continue the file, where it ends, at ``at`` seconds, or for "now" by
-    its epoch; inputs are its channels of the same label, rate and unit, others become new ones.
-    ``epoch_ns``: UTC time of tick 0, "now", or None. ``clock_maps``: fit a map to the observations
-    of each clock at the end. ``canonical``: file id; the same calls give the same bytes.
+    file
+        a path, or a binary stream that can be written.
+    cluster
+        length of a cluster in seconds.
+    patience
+        seconds that a cluster waits for channels that are late. Their samples then get clusters of
+        their own.
+    hold
+        most seconds of wall clock that a sample waits for its cluster to be complete
+        [cluster + 2 patience; no limit in canonical mode].
+    fsync
+        when to wait for the disk: "cluster", "close", "never", or a number of seconds.
+    queue_size
+        most bytes of samples that wait for the encoder.
+    on_full
+        if the queue is full: "block" waits, "raise" raises LimitError, and "drop" makes a gap. The
+        file's notes and a warning count dropped samples.
+    append
+        continue an existing file. Inputs with the label, rate and unit of a channel continue it;
+        others become new channels.
+    at
+        with ``append``: second of the first new sample; "now": by the epoch; None: the end.
+    epoch_ns
+        UTC time of tick 0 in nanoseconds since 1970-01-01, "now", or None.
+    clock_maps
+        fit a map to the observations of each clock at the end.
+    canonical
+        file id; the same calls then give the same bytes.
 
-    What the thread fails with (a full disk) is raised by the next call and by close; the file is
-    valid up to there. Methods may be called from several threads.
+    Methods may be called in several threads. The next call, or close, raises an error of the
+    encoding thread, such as a full disk. The file is valid up to that point.
     """
 
     def __init__(
@@ -368,8 +396,10 @@ class Recorder:
         return [member.input for member in self.lanes.members]
 
     def add(self, given: Input) -> int:
-        """A channel that comes late; its number among the inputs. It begins at the end of what is
-        recorded so far, unless its first samples say another tick."""
+        """Add a channel to a recording in progress; returns its number among the inputs.
+
+        It begins at the current end of the recording, unless its first samples have a tick.
+        """
         with self.turn:
             start_s = self.lanes.seconds
             number = self.next_number
@@ -380,9 +410,11 @@ class Recorder:
             return self.lanes.enter(member, start_s)
 
     def write(self, channel: str | int, values: ArrayLike, tick: int | None = None) -> None:
-        """Samples of one channel, [ticks]: counts where its input has a calibration, else floats,
-        of which NaN is a missing one. They go on where the last ended, or at ``tick``: what lies
-        between is a gap."""
+        """Record samples of one channel, [ticks]: counts with a calibration, else floats.
+
+        NaN is a missing sample. The samples follow the previous ones, or begin at ``tick`` after
+        a gap. Raises ParameterError, and LimitError with ``on_full="raise"``.
+        """
         with self.turn:
             self.put(self.lanes.one(channel), values, tick)
 
@@ -392,15 +424,19 @@ class Recorder:
         tick: int | None = None,
         channels: Sequence[str | int] | None = None,
     ) -> None:
-        """Samples of channels of one rate and kind, [ticks, channels]; None: of all channels. The
-        fast way for many channels."""
+        """Record samples of channels of one rate and kind, [ticks, channels]; None: all channels.
+
+        This is the fastest way to record many channels. Raises as :meth:`write` does.
+        """
         with self.turn:
             chosen = range(len(self.lanes.members)) if channels is None else channels
             self.put(self.lanes.of(tuple(chosen)), values, tick)
 
     def write_all(self, values: Mapping[str | int, ArrayLike]) -> None:
-        """Samples of several channels from where each of them ended. Long ones are taken in turns,
-        so that channels of the same time share clusters."""
+        """Record samples of several channels, each after its previous ones.
+
+        Long arrays are taken in turns, so that channels share clusters of the same time.
+        """
         with self.turn:
             arrays = [(self.lanes.one(c), np.asarray(given)) for c, given in values.items()]
             places = [0] * len(arrays)
@@ -414,7 +450,7 @@ class Recorder:
                     places[number] = max(stop, at)
 
     def skip(self, channel: str | int, ticks: int) -> None:
-        """The next ``ticks`` samples of a channel are missing: a gap."""
+        """Leave a gap of ``ticks`` samples in a channel."""
         with self.turn:
             lane = self.lanes.one(channel)
             start = self.lanes.start_of(lane, None) + ticks
@@ -472,7 +508,7 @@ class Recorder:
         *,
         layer: str = "",
     ) -> None:
-        """An event at ``time`` seconds; None: at the end of what is recorded so far."""
+        """Store an event at ``time`` seconds; None: at the current end of the recording."""
         with self.turn:
             place = None if channel is None else self.lanes.place_of(channel)
             at = self.lanes.seconds if time is None else exact(time)
@@ -489,8 +525,8 @@ class Recorder:
         time_ns: int,
         uncertainty_ns: int = 0,
     ) -> None:
-        """What another clock said at a tick of a channel; None: at a nanosecond of the recording.
-        It is stored as it is."""
+        """Store a reading of another clock at a tick of a channel; channel None: at a nanosecond of
+        the recording."""
         with self.turn:
             place = None if channel is None else self.lanes.place_of(channel)
             number = None if place is None else self.lanes.members[place].number
@@ -498,12 +534,12 @@ class Recorder:
             self.queue.put(partial(self.worker.observed.add, seen), len(name))
 
     def fit_clocks(self) -> None:
-        """Have maps of the clocks written at the end: see ``clock_maps``."""
+        """Write maps of the clocks at the end, as ``clock_maps`` does."""
         with self.turn:
             self.worker.observed.maps = True
 
     def flush(self) -> None:
-        """When this returns, all that was written so far is on the disk."""
+        """Write all samples so far to the disk before returning."""
         with self.turn:
             self.queue.put(self.worker.flush, wake=True)
         self.queue.join()
@@ -527,7 +563,7 @@ class Recorder:
         )
 
     def close(self) -> None:
-        """Write all that is here, and the index; once more does nothing."""
+        """Write the remaining samples and the index. A second call does nothing."""
         if os.getpid() != self.turn.process:
             return
         with self.turn.lock:
@@ -545,7 +581,7 @@ class Recorder:
 
 
 def shut(queue: SampleQueue[Item], worker: Worker, process: int) -> None:
-    """Close the file of a recorder that nobody holds any more, or at the end of the program."""
+    """Close the file of a recorder without references, or at the end of the program."""
     if os.getpid() == process and threading.current_thread() is not worker.thread:
         with suppress(Exception):
             queue.put(partial(worker.finish, dict), wake=True)

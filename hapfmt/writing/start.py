@@ -466,7 +466,7 @@ class Start:
         return {k: v for k, v in metadata.items() if k not in self.written or self.written[k] != v}
 
     def number(self) -> int:
-        """Of a new channel: one that a crash left without a channel, else the next."""
+        """Number of a new channel: one that a crash left without a channel, else the next."""
         if self.holes:
             return self.holes.pop(0)
         self.next_number += 1

@@ -62,8 +62,8 @@ class Reference(NamedTuple):
 
 
 class Long(NamedTuple):
-    """A long run. gain, drift: the largest and the last of what energy there is beyond that of the
-    beginning and what was put in, relative; trace: its value after each second."""
+    """A long run. gain, drift: the largest and the last relative excess of energy over that of the
+    beginning plus the work put in. trace: the excess after each second."""
 
     name: str
     stiffness: float

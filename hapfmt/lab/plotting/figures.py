@@ -406,7 +406,7 @@ def draw_grid(axes: Axes, rows: Sequence[Opinion]) -> None:
 
 
 def draw_level(axes: Axes, row: Opinion) -> None:
-    """Of the reference or an anchor: a line across, and its interval."""
+    """A line across for the reference or an anchor, and its interval."""
     mean, half = row.rating.mean, row.rating.half or 0
     axes.axhspan(mean - half, mean + half, color=GREY, alpha=0.2, lw=0, zorder=0)
     axes.axhline(mean, color=GREY, lw=1.2, ls=(0, (5, 3)), zorder=1)

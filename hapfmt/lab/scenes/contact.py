@@ -138,7 +138,7 @@ TERMS = 16
 """A piece is at most half a radian long, where 16 terms of a Taylor series leave 1e-18."""
 
 CHANGES = 100
-"""Of contact in one step; what comes after is walked in one mode."""
+"""Most changes of contact in one step; the rest of the step has one mode."""
 
 Coefficients = NDArray[np.float64]
 

@@ -45,7 +45,7 @@ Speed = Annotated[float, Meta(ge=1e-3, le=1)]
 Hertz = Annotated[float, Meta(ge=0.1, le=50)]
 
 MOST_SAMPLES = 1 << 28
-"""Of a recording, all channels together: 2 GiB while they are made."""
+"""Most samples of a recording, all channels together: 2 GiB while they are made."""
 
 STIFFEST_N_PER_M = 1e7
 """A steel rod of 1 cm^2 and 2 m."""
@@ -380,11 +380,18 @@ def parse_scene(text: str, path: str | None = None) -> Scene:
 class Work:
     """Counters of the computed parts.
 
-    step_count: steps of tool and fingers, all axes. contact_step_count: those of them that a
-    contact solver took; the others are exact steps of linear parts, one a tick. unstable_count:
-    those that were longer than their integrator is stable up to. height_count: points of a height
-    field. finger_count, tremor_count (points), channel_count, sample_count; of the samples,
-    saturated_count lie at the end of their sensor's range.
+    step_count
+        steps of tool and fingers, all axes.
+    contact_step_count
+        steps that a contact solver took; the others are exact steps of linear parts, one a tick.
+    unstable_count
+        steps longer than the limit of stability of their integrator.
+    height_count
+        points of a height field.
+    finger_count, tremor_count, channel_count, sample_count
+        fingers, points of tremor, channels and samples.
+    saturated_count
+        samples at the end of their sensor's range.
     """
 
     step_count: int = 0

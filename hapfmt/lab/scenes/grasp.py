@@ -161,7 +161,7 @@ def gripped(hand: Hand, since: Floats) -> Floats:
 
 
 def labels_of(hand: Hand) -> list[str]:
-    """Of its channels, in their order."""
+    """Labels of the hand's channels, in their order."""
     forces = [f"{name} force" for name in FINGERS if hand.object and name in hand.fingers]
     return [*(joint.label for joint in joints_of(hand)), *forces]
 

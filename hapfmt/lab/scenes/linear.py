@@ -14,7 +14,7 @@ from .description import Tool
 from .motion import Floats
 
 TERMS = 20
-"""Of the series, at a norm of at most 1/2: what follows is below 2^-21 / 21!, far below 2^-53."""
+"""Terms of the series, at a norm of at most 1/2: the rest is below 2^-21 / 21!, far below 2^-53."""
 
 SWEEPS = 3
 """Sweeps of the balancing; two suffice for a spring of 1e7 N/m with velocities near 1."""

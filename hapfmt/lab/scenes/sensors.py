@@ -63,7 +63,7 @@ def force_reading(sensor: Sensor | None = None) -> Reading:
 
 
 def reading_of(label: str, sensor: Sensor | None) -> Reading:
-    """Of a tool's channel by its name."""
+    """How a sensor reads a tool's channel, by the channel's name."""
     if "force" in label:
         return force_reading(sensor)
     return POSITION if label.startswith("position") else VELOCITY

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from .motion import StrokeMotion
 
 TEXTURE_STEP_S = 1 / 20_000
-"""Of a tip on a texture: 3 um at the mean speed, a tenth of what the tip smooths over."""
+"""Time step of a tip on a texture: 3 um at the mean speed, a tenth of the length that the tip
+smooths over."""
 
 EXACT = "exact"
 

@@ -48,7 +48,7 @@ class ReplayReport:
 
     outcome: Outcome
     reason: str = ""
-    """Of an end that is not clean."""
+    """Why the end is not clean."""
     signal: int | None = None
     error_code: int = 1
     """Exit code of what made it fail."""
@@ -74,7 +74,7 @@ class ReplayReport:
     left_out: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
     watchdog: str = "none"
-    """"stood by", "tripped: why", "ended: why", or "none"."""
+    """One of ``stood by``, ``tripped: why``, ``ended: why``, ``none``."""
     said: list[str] = field(default_factory=list)
     """What the processes wrote to their standard error."""
 
@@ -99,7 +99,7 @@ OCTAVE = 64
 small. Below 128 ns, and for the largest of all, it is exact."""
 LIMIT = 2**63 - 1
 CLASSES = 58 * OCTAVE
-"""Of all times up to LIMIT, about 292 years."""
+"""Classes of all times up to LIMIT, about 292 years."""
 
 
 def class_of(time_ns: int) -> int:
@@ -214,7 +214,7 @@ class FrameLoop:
         self.begun = False
         """The player has said to start."""
         self.deaf = False
-        """Nothing that still comes from the player is heard."""
+        """Further messages of the player are ignored."""
         self.generation = self.neutral = 0
         self.unsent = 0
         """The number of the first frame that was not sent yet."""
@@ -502,7 +502,7 @@ class Rehearsal:
         self.blocks, self.profile, self.sinks = blocks, profile, list(sinks)
         """One that failed is given nothing more."""
         self.error: BaseException | None = None
-        """Of the blocks: what came before it is played, and the ramp to rest."""
+        """Error of a block: the samples before it are played, then the ramp to rest."""
         self.neutral = 0
 
     def feed(self) -> None:
@@ -562,7 +562,7 @@ def rehearse(
     *,
     gain: float | None = None,
 ) -> ReplayReport:
-    """Play to sinks that need no real time; they are closed whatever happens.
+    """Play to sinks that need no real time; they are closed in any case.
 
     An error of the file ends it by a ramp to rest, and the report names it; an error of a sink is
     raised.

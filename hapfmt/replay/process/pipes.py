@@ -27,7 +27,7 @@ from ..profile.model import Frame, FrameBlock, HidReport
 
 HEADER = Struct("<BI")
 SIZE_LIMIT = 1 << 22
-"""Of a payload: a block of 50 ms is some 10 kB."""
+"""Most bytes of a payload: a block of 50 ms takes about 10 kB."""
 
 
 class MessageError(HapfmtError):
@@ -209,7 +209,7 @@ class ThreadedInlet(Inlet):
 
 
 class Outlet:
-    """Bytes on their way; ``broken`` once nobody reads them, or too many wait."""
+    """Bytes on their way; ``broken`` once the other end no longer reads them, or too many wait."""
 
     def __init__(self, descriptor: int) -> None:
         self.descriptor, self.waiting, self.broken = descriptor, bytearray(), False

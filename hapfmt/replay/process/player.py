@@ -229,7 +229,7 @@ class Feeding:
         self.put(nothing)
 
     def put(self, block: FrameBlock) -> bool:
-        """Waits for room; False once nobody wants it."""
+        """Waits for room; False once the player has stopped."""
         while not self.halted.is_set():
             try:
                 self.ready.put(block, timeout=0.05)
@@ -259,7 +259,7 @@ AHEAD_S = 1.0
 PREFILL_S = 0.2
 """Before the start; an hour-long file starts as soon."""
 JUMP_S = 5.0
-"""Of an arrow key."""
+"""Seconds that an arrow key jumps."""
 TURN_S = 0.02
 ALIVE_S = 0.25
 STATUS_S = 0.1
@@ -368,7 +368,7 @@ class Player:
         self.status: dict[str, Any] = {}
         self.end: dict[str, Any] | None = None
         self.error: BaseException | None = None
-        """Of the file, or of what gets the record."""
+        """Error of the file, or of the sink of the record."""
         self.trouble = ""
         """With the writer."""
         now = seconds()
@@ -503,15 +503,15 @@ class Player:
             self.trouble = "the writer did not come to rest in time"
         elif self.on_status is not None and self.status and now - self.status_at > STATUS_S:
             self.status_at = now
-            told = self.status
+            status = self.status
             self.on_status(
                 PlayerStatus(
                     self.position(),
-                    told["state"],
-                    told["sent"],
-                    told["skipped"],
-                    told["under_runs"],
-                    told["max_late_us"],
+                    status["state"],
+                    status["sent"],
+                    status["skipped"],
+                    status["under_runs"],
+                    status["max_late_us"],
                 )
             )
 
@@ -529,7 +529,7 @@ class Player:
         except subprocess.TimeoutExpired:
             self.writer.kill()
             self.trouble = (self.trouble or "the writer did not go") + ", and was killed"
-            # In a call of the kernel that does not come back even this may be in vain.
+            # Even this may fail, in a call of the kernel that does not return.
             with suppress(subprocess.TimeoutExpired):
                 self.writer.wait(END_S)
         self.target.close()

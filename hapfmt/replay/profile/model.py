@@ -38,7 +38,7 @@ class Integer:
 
     @property
     def code(self) -> str:
-        """Of the module struct."""
+        """Format character of the module struct."""
         return _CODES[self.name.removesuffix("be")]
 
     @property
@@ -198,7 +198,7 @@ class Timing:
     neutral_count: int = 5
     """Times that the neutral frame is sent at the end."""
     device_timeout_s: float | None = None
-    """After which the device goes to rest by itself; None: it does not, or nobody knows."""
+    """Time after which the device goes to rest by itself; None: it does not, or that is unknown."""
 
     @property
     def period(self) -> Fraction:
@@ -216,13 +216,13 @@ class Profile:
     timing: Timing
     actuators: tuple[Actuator, ...]
     reports: tuple[ReportLayout, ...] = ()
-    """Of one frame, in the order they are sent."""
+    """Reports of one frame, in the order they are sent."""
     neutral: tuple[HidReport, ...] = ()
     """Instead of a frame at rest, where the device has a report for it."""
     init: tuple[HidReport, ...] = ()
     exit: tuple[HidReport, ...] = ()
     gain: float = 0.5
-    """Of everything, unless the caller says otherwise."""
+    """Gain of all actuators, unless the caller gives another."""
     text: str = ""
     """The TOML that it was parsed from."""
 
@@ -233,7 +233,7 @@ class Profile:
 
     @cached_property
     def count_limits(self) -> tuple[CountLimits, ...]:
-        """Of each actuator."""
+        """The limits of each actuator in counts."""
         return tuple(map(self.limits, self.actuators))
 
     def limits(self, actuator: Actuator) -> CountLimits:

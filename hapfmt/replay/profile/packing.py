@@ -90,7 +90,7 @@ MAPS = {
     )
 }
 MOST_COUNTS = 1 << 16
-"""Of an actuator that a map takes: its table has an entry for each."""
+"""Most counts of an actuator with a map: its table has an entry for each."""
 
 
 Counts = tuple[tuple[int, ...], ...]

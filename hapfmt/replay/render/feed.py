@@ -256,7 +256,7 @@ class DeviceGrid:
         return (self.first + number * self.stride) // self.unit
 
     def places(self, number: int, count: int) -> Places:
-        """Of ``count`` samples from this one on."""
+        """The places of ``count`` samples from sample ``number`` on."""
         tick, rest = divmod(self.first + number * self.stride, self.unit)
         if max(rest + count * self.stride, self.unit) < WIDE and tick < NOWHERE // 2:
             parts = rest + np.arange(count, dtype=np.int64) * self.stride
@@ -282,7 +282,7 @@ Shape = Literal["linear", "band-limited", "bounded"]
 LOBES = 16
 """Zeros of the sinc on each side."""
 BETA = 8.0
-"""Of the Kaiser window."""
+"""Shape parameter of the Kaiser window."""
 AT_ONCE = 1 << 15
 """Products that are held at a time: as a cache of the processor does."""
 LARGE = 2.0**8

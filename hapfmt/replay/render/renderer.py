@@ -36,7 +36,7 @@ from .feed import (
 
 BLOCK_S = Fraction(1, 20)
 BLOCK_TICKS = 1 << 18
-"""Of a channel in one block, where it is much faster than the device."""
+"""Most ticks of a channel in one block, where it is much faster than the device."""
 SHAPES: dict[Band, Shape] = {"full": "bounded", "lf": "linear", "hf": "band-limited"}
 WIDEST_SINC, WIDEST = 1 << 14, 1 << 20
 """Ticks of a channel for one sample of the device: above the first a sinc would take 2^19 ticks,
@@ -56,8 +56,8 @@ class RoutedChannel(NamedTuple):
 
 
 class Position(NamedTuple):
-    """Of a device sample: which time through it is (from 0), and seconds in the recording, None
-    between two times."""
+    """Where a device sample is in the recording: the repeat, from 0, and the seconds; None between
+    two repeats."""
 
     loop: int
     seconds: Fraction | None

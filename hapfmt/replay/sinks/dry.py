@@ -43,8 +43,8 @@ def text_line(due_ns: int, report: HidReport) -> str:
 
 
 def json_line(due_ns: int, report: HidReport) -> str:
-    told = {"data": report.data.hex(), "due_ns": due_ns, "path": report.path}
-    return json.dumps(told) + "\n"
+    row = {"data": report.data.hex(), "due_ns": due_ns, "path": report.path}
+    return json.dumps(row) + "\n"
 
 
 FAULTS = frozenset({"stall", "fail", "gone", "error", "open"})

@@ -95,7 +95,7 @@ def head_json(catalogue: Catalogue) -> dict[str, Any] | None:
 
 
 def stored_rate(catalogue: Catalogue, track: Track) -> list[int]:
-    """As it stands in the file, not reduced."""
+    """The rate in the file, not reduced."""
     chunk = read_chunk(catalogue.source, track.offset - HEADER_SIZE)
     assert chunk is not None
     records = split(chunk.payload, catalogue.level, track.offset)
@@ -175,7 +175,7 @@ def band_json(
 
 
 def layer_json(catalogue: Catalogue, layer: Track, events: list[CodedEvent]) -> dict[str, Any]:
-    """EVT-004: in order of ticks, those of one tick as they stand in the file."""
+    """EVT-004: in order of ticks, those of one tick in the order of the file."""
     return {
         "track": layer.id,
         "label": layer.components[0].label,
@@ -235,7 +235,7 @@ def attachments_json(catalogue: Catalogue) -> Iterator[dict[str, Any]]:
 
 
 def unknown_of(catalogue: Catalogue) -> list[list[Any]]:
-    """CHK-010; those that are damaged are told as damage."""
+    """CHK-010; damaged ones are reported as damage."""
     return [
         [ref.type, ref.offset]
         for ref in catalogue.chunks

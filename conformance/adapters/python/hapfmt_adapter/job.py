@@ -1,4 +1,4 @@
-"""The verb encode: a job, a JSON description with raw files beside it -> a file."""
+"""The verb encode: a job, a JSON description with raw files next to it -> a file."""
 
 from __future__ import annotations
 
