@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -116,3 +117,15 @@ def test_every_tool_chooses_its_hapfmt_first(path):
         name for _, name in sorted(names) if name.partition(".")[0] not in sys.stdlib_module_names
     )
     assert first == "installed"
+
+
+@pytest.mark.compiled
+def test_the_way_of_a_sample_grows_no_longer():
+    """tools/trace.py counts the functions and files between .npz and .hapf, there and back."""
+    done = run("tools/trace.py", cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    found = re.findall(r"(there|back): ([0-9]+) functions in ([0-9]+) files", done.stdout)
+    longest = {"there": (265, 34), "back": (210, 28)}
+    assert [way for way, *_ in found] == list(longest)
+    for way, functions, files in found:
+        assert (int(functions), int(files)) <= longest[way] and int(files) <= longest[way][1]

@@ -4,8 +4,8 @@ python tools/trace.py [--channels 3] [--names] [--memory]
 
 It counts the functions of hapfmt that run, their files, and how often the next call is in another
 file than the one before. A first pass, which is not counted, loads modules and fills caches.
---names lists the functions in the order of their first calls. --memory measures the peak of memory
-beside what was there, for a long recording, in sizes of its array.
+--names lists the functions in the order of their first calls. --memory measures how much memory a
+long recording takes in addition, in sizes of its array.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def named(calls: list[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def peak_of(work: Callable[[], object]) -> int:
-    """Bytes at most while the work runs, beyond what was there."""
+    """Most bytes that the work takes in addition."""
     tracemalloc.start()
     work()
     peak = tracemalloc.get_traced_memory()[1]

@@ -145,7 +145,7 @@ class EncodeJob:
     originals: list[Channel]
     promises: list[Promise]
     searches: list[LatticeSearch]
-    """Of each channel's values."""
+    """One for the values of each channel."""
     cluster: Fraction
     threads: int
 

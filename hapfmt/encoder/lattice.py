@@ -200,10 +200,10 @@ def to_counts(
 
 
 class LatticeSearch:
-    """The grids of some values: what was found once is not searched again.
+    """The grids of some values. Each search runs once; its result is kept.
 
     ``given``: [sample_count], any numbers. Counts have at most ``bits`` bits. The exact grid and
-    the natural step are kept; the distinct values only until ``forget``.
+    the natural step are kept. The distinct values are kept until ``forget``.
     """
 
     def __init__(self, values: NDArray[np.generic], bits: int = COUNT_BITS) -> None:
