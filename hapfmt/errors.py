@@ -100,12 +100,6 @@ class MovedTimesWarning(UserWarning):
     """The times of a table were moved onto a regular grid of ticks, or to another zero."""
 
 
-class LateError(HapfmtError):
-    """A replay stopped itself, since it or the device could not keep up."""
-
-    exit_code = 5
-
-
 class DeviceError(HapfmtError):
     """A device did not take what it was sent, or has gone."""
 
