@@ -134,14 +134,14 @@ def test_exact_values_beside_counts():
 class TestDamage:
     @pytest.mark.compiled
     @pytest.mark.parametrize("data", [CHAIN, STEADY, GAPS])
-    @either("every", 17, deep=1)
+    @either("every", 17, deep=3, nightly=1)
     def test_any_byte(self, data, every):
         for at in range(0, len(data), every):
             same(flipped(data, at), ("full",))
 
     @pytest.mark.compiled
     @pytest.mark.parametrize("data", [CHAIN, STEADY])
-    @either("every", 17, deep=1)
+    @either("every", 17, deep=3, nightly=1)
     def test_any_length(self, data, every):
         """Files that were not closed."""
         for size in range(0, len(data), every):
