@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from hapfmt.replay.frames import FrameBlock
 from hapfmt.replay.process.player import PlayerStatus, play
-from hapfmt.replay.profile.model import Profile
+from hapfmt.replay.profile.model import FrameBlock, Profile
 from hapfmt.replay.profile.parse import load_profile, parse_profile
 from hapfmt.replay.render.renderer import Position
 

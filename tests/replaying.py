@@ -17,9 +17,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from hapfmt.errors import FormatError
-from hapfmt.replay.frames import FrameBlock
 from hapfmt.replay.process.player import play
-from hapfmt.replay.profile.model import Profile
+from hapfmt.replay.profile.model import FrameBlock, Profile
 from hapfmt.replay.profile.parse import load_profile, parse_profile
 from hapfmt.replay.render.renderer import Position
 

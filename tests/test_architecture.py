@@ -19,7 +19,7 @@ MODULES = {
 }
 LAYERS = (
     "kernels",
-    """deadband descriptions errors events files limits numbers recording threads times units
+    """deadband descriptions errors files limits numbers recording threads times units
     version""",
     "format",
     "codecs",

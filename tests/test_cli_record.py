@@ -239,7 +239,7 @@ def test_what_a_kill_may_leave(tmp_path, monkeypatch):
                 at[number] = stop
             recorder.flush()
             flushed.append(path.stat().st_size)
-            told.append([crash.Told(0, stop, stop) for stop in at])
+            told.append([crash.Flushed(0, stop, stop) for stop in at])
     whole = path.read_bytes()
     cuts = [*range(flushed[1], flushed[2], 997), flushed[2] - 1]
     codes: Counter[str] = Counter()

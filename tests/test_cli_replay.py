@@ -21,7 +21,7 @@ from terminal import called
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Span
 from hapfmt.errors import DeviceError, FormatError, LateError, MissingExtraError
-from hapfmt.replay.process.report import ReplayReport
+from hapfmt.replay.process.loop import ReplayReport
 from hapfmt.replay.profile.matching import SystemDevice
 from hapfmt.replay.render import Renderer
 

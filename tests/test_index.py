@@ -17,8 +17,8 @@ from stalls import slowness
 
 from hapfmt.errors import FormatError
 from hapfmt.format.cluster import Packet
-from hapfmt.format.extras import Attachment
-from hapfmt.format.index import (
+from hapfmt.format.extras import (
+    Attachment,
     Foot,
     Index,
     IndexEntry,

@@ -19,7 +19,6 @@ import pytest
 from fake_hid import PATH, FakeHid, entry, installed
 
 from hapfmt.errors import DeviceError, MissingExtraError, ParameterError
-from hapfmt.replay.frames import Frame
 from hapfmt.replay.profile.matching import (
     SystemDevice,
     by_path,
@@ -33,7 +32,15 @@ from hapfmt.replay.profile.matching import (
     profiles_for,
     wanted_of,
 )
-from hapfmt.replay.profile.model import Actuator, HidReport, Match, Profile, ReportLayout, Timing
+from hapfmt.replay.profile.model import (
+    Actuator,
+    Frame,
+    HidReport,
+    Match,
+    Profile,
+    ReportLayout,
+    Timing,
+)
 from hapfmt.replay.sinks import hid
 from hapfmt.replay.sinks.hid import HidSink, connected, find, read_descriptor
 

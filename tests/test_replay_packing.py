@@ -11,8 +11,16 @@ from hypothesis import strategies as st
 from stalls import slowness
 
 from hapfmt.errors import ParameterError
-from hapfmt.replay.frames import Frame
-from hapfmt.replay.profile.model import Const, Crc32, Mapped, One, Profile, ReportLayout, Samples
+from hapfmt.replay.profile.model import (
+    Const,
+    Crc32,
+    Frame,
+    Mapped,
+    One,
+    Profile,
+    ReportLayout,
+    Samples,
+)
 from hapfmt.replay.profile.packing import AMPLITUDE_CEILING, MAPS, Packer, rumble_amplitude
 from hapfmt.replay.profile.parse import builtin_names, load_profile, parse_profile
 

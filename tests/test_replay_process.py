@@ -38,12 +38,10 @@ from replaying import (
 
 import hapfmt
 from hapfmt.errors import ParameterError
-from hapfmt.replay.frames import Frame
 from hapfmt.replay.process import player
-from hapfmt.replay.process.keys import Key
-from hapfmt.replay.process.player import PlayerStatus, play
-from hapfmt.replay.process.report import ReplayReport
-from hapfmt.replay.profile.model import HidReport
+from hapfmt.replay.process.loop import ReplayReport
+from hapfmt.replay.process.player import Key, PlayerStatus, play
+from hapfmt.replay.profile.model import Frame, HidReport
 from hapfmt.replay.render.assign import assign
 from hapfmt.replay.render.renderer import Renderer
 

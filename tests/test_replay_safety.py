@@ -21,13 +21,12 @@ import pytest
 from replay_scenes import profile_of
 from spec import ROOT
 
-from hapfmt.replay.frames import FrameBlock
 from hapfmt.replay.process import watchdog
 from hapfmt.replay.process.children import clock
 from hapfmt.replay.process.loop import FrameLoop
 from hapfmt.replay.process.pipes import Kind, Message
 from hapfmt.replay.process.watchdog import Guard
-from hapfmt.replay.profile.model import Profile
+from hapfmt.replay.profile.model import FrameBlock, Profile
 
 pytestmark = [
     pytest.mark.skipif(sys.platform == "win32", reason="signals that stop a process"),

@@ -32,7 +32,7 @@ from hapfmt.limits import LEVELS
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Span
 from hapfmt.replay.render import Assignment, Renderer, Route
-from hapfmt.replay.render import stream as streaming
+from hapfmt.replay.render import feed as streaming
 from hapfmt.writing.filewriter import FileWriter
 
 VECTORS = sorted((Path(make.__file__).resolve().parent.parent / "vectors").rglob("*.hapf"))

@@ -82,11 +82,11 @@ def recover(
                 progress=advance,
             )
     else:
-        from ..edit.recover import recover as run
+        from ..edit.recover import recover as recover_file
 
         refuse_target(target, force)
         with progress("recovering") as advance:
-            done = run(
+            done = recover_file(
                 input_of(source),
                 output_of(target),
                 canonical=canonical,

@@ -67,14 +67,14 @@ def verify(
     hapfmt verify touch.hapf
     hapfmt verify touch.hapf --against original.npz
     """
-    from ..reading.verifier import verify as check
+    from ..reading.verifier import verify as verify_file
 
     refuse_transpose(transpose, (against,), input_format)
     original = None
     if against:
         original, _ = load_recording(against, input_format, rate, max_memory, transpose=transpose)
     with progress("verifying") as advance:
-        report = check(
+        report = verify_file(
             input_of(file),
             against=original,
             file_id=file_id,
@@ -107,7 +107,7 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
         say(f"unknown chunks: {' '.join(report.unknown)}")
     if report.contracts:
         checks = report.contracts
-        # Of a narrow terminal: what is zero everywhere goes early, the last line says it.
+        # On a narrow terminal, columns of zeros go first; the last line names them.
         headers = [
             Column("label"), Column("#", 9), Column("error bound"),
             Column("outside", 0 if any(check.outside for check in checks) else 5),
@@ -132,7 +132,7 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
 
 
 def verdict(report: Report) -> str:
-    """Of the file, and how it differs from the original in the number of samples."""
+    """The verdict on the file, and how its number of samples differs from the original's."""
     missing = sum(check.missing for check in report.contracts)
     added = sum(check.invented for check in report.contracts)
     differences = []

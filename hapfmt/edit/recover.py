@@ -28,10 +28,9 @@ from uuid import UUID
 from ..errors import DAMAGED, HARMLESS, UNSUPPORTED, FormatError, HapfmtError, ParameterError
 from ..files import atomic_write, refusal, refuse, sync_directory, target
 from ..format.cluster import Packet, alone_size
-from ..format.description import Record, build_track, split
 from ..format.extras import build_metadata, parse_attachment, parse_clock, parse_map, parse_metadata
 from ..format.source import SPOOL_SIZE, ByteSource, StreamSource, open_source
-from ..format.track import COMPONENTS, Component, Track, TrackTable
+from ..format.track import COMPONENTS, Component, Record, Track, TrackTable, build_track, split
 from ..format.walk import Chunk, Finding, read_chunk
 from ..format.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, check_file_id
 from ..limits import LAST_TRACK_ID, Limits
@@ -224,8 +223,8 @@ class Extras:
         return header.track == NO_TRACK or header.track in self.tracks
 
     def may_be_copied(self, chunk: Chunk) -> bool:
-        """Of an unknown type: always where nothing else changes; a critical one always, since
-        without it the file would seem to be understood."""
+        """Whether to copy a chunk of an unknown type: always if nothing else changes. A critical
+        chunk is always copied: without it the file would seem to be understood."""
         if chunk.header.payload_size > self.catalogue.level.payload_size:
             return False
         safe = chunk.header.type[3].islower()
@@ -304,15 +303,16 @@ def recover(
     limits: Limits | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Recovery:
-    """Write all that can be read of ``file`` into a new file that is intact.
+    """Write all readable parts of ``file`` into a new, intact file.
 
-    Packets are copied bit for bit. Packets that do not decode are left out; missing samples stay a
-    gap. ``canonical`` is the file id, otherwise it is random. ``file_id``: of a file with parts of
-    others, which one is read; None: the one that most of it belongs to. An existing path is refused
-    unless ``force``. ``progress`` is called with (clusters done, clusters in all).
+    Packets are copied bit for bit. Packets that do not decode are left out; missing samples become
+    gaps. ``canonical`` is the file id, which is random otherwise. ``file_id``: for a file that
+    contains parts of others, the id of the file to read; None: the one that has most of the bytes.
+    ``force`` replaces an existing file. ``progress`` is called with (clusters done, clusters in
+    all).
 
-    Raises FormatError where ``file`` is not a hapf file at all, UnsupportedError where its version
-    or a feature bit is unknown: then nothing is written.
+    Raises FormatError if ``file`` is not a hapf file at all, and UnsupportedError if its version or
+    a feature bit is unknown. Then nothing is written.
     """
     check_file_id(canonical)
     if isinstance(into, (str, os.PathLike)):
@@ -558,13 +558,13 @@ def recover_in_place(
     limits: Limits | None = None,
     progress: Progress | None = None,
 ) -> Recovery:
-    """Make the file at ``path`` intact, with all that can still be read of it.
+    """Make the file at ``path`` intact, with everything in it that is still readable.
 
-    Where only its end is damaged, or it was not closed, the file itself is repaired. Else a new
-    file is written and takes the name. The damaged one is kept under the same name with
-    ``.damaged`` behind it. An intact file is left alone. The file is locked meanwhile.
+    If only its end is damaged, or it was not closed, the file itself is repaired. Otherwise a new
+    file replaces it, and the damaged one is kept as NAME.damaged. An intact file does not change.
+    The file is locked meanwhile.
 
-    Raises ParameterError where another program writes the file, or NAME.damaged exists.
+    Raises ParameterError if another program writes the file, or NAME.damaged exists.
     """
     name = os.fspath(path)
     with open_live(name):

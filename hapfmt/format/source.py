@@ -217,7 +217,7 @@ class FileSource:
 class MappedSource:
     """A file in the address space: pages are read by the system when they are touched.
 
-    Only for a file that nobody cuts meanwhile: to touch a page beyond its end kills the process
+    Only for a file that no program cuts meanwhile: to touch a page beyond its end kills the process
     (SIGBUS), and no program can catch that as an error.
     """
 

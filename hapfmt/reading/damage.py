@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from ..errors import HARMLESS, FormatError
-from ..format.index import MS_LIMIT, IndexEntry, parse_index
+from ..format.extras import MS_LIMIT, IndexEntry, parse_index
 from ..format.track import Track
 from ..format.walk import Finding, read_chunk
 from .catalogue import Catalogue, ChannelRef
@@ -23,7 +23,7 @@ ANYWHERE = 1 << 63
 
 
 class Times(NamedTuple):
-    """Milliseconds that lost packets lie within; ``stop`` None: nobody knows how long."""
+    """Milliseconds that contain lost packets; ``stop`` None: the end is unknown."""
 
     start: int = 0
     stop: int | None = None
@@ -365,7 +365,7 @@ def seconds_lost(
 
 
 def name_of(track: Track) -> str:
-    """Of a track that is part of no channel."""
+    """The name of a track that is part of no channel."""
     if track.kind == "events" and track.components and track.components[0].label:
         return f"events {track.components[0].label}"
     return "events" if track.kind == "events" else f"track {track.id}"

@@ -25,15 +25,15 @@ from ..errors import (
     UnsupportedError,
     verdict_of,
 )
-from ..format.index import INDEX_EVERY, IndexEntry, ceil_ms, check_listing, floor_ms, parse_index
+from ..format.extras import INDEX_EVERY, IndexEntry, ceil_ms, check_listing, floor_ms, parse_index
 from ..format.track import Component, Contract, lone_lf, unsupported_track
 from ..format.walk import read_chunk
 from ..format.wire import HEADER_SIZE
 from ..limits import TICK_LIMIT, Limits
 from ..recording import Calibration, Channel, Recording
 from .catalogue import Catalogue, ChannelRef, TrackPair
-from .channels import intersect
 from .damage import damage_report, told
+from .decoder import intersect
 from .reader import DigestCheck, Reader
 
 
@@ -323,10 +323,10 @@ def verify(
     threads: int | None = None,
     file_id: int | None = None,
 ) -> Report:
-    """Check everything the SPEC says of a file; with ``against`` its contracts as well.
+    """Check a file against every rule of the SPEC, and with ``against`` its error bounds too.
 
-    Raises only OSError, and ParameterError where ``against`` does not belong to the file.
-    ``threads``, ``file_id``: as for a Reader.
+    ``against`` is the original recording. ``threads``, ``file_id``: as for a Reader. Damage is in
+    the report. Raises only OSError, and ParameterError if ``against`` does not belong to the file.
     """
     report = Report()
     try:
@@ -450,7 +450,7 @@ def check_packets(
                 )
         digests.add(piece)
     parts = reader.lost_parts(catalogue.channels, "full")
-    # Of a track that is not described the packets themselves were named.
+    # The packets of a track without a description were named themselves.
     reader.lost.extend(span for span in parts if span.track in catalogue.tracks)
     report.digests = len(digests.stored)
     digests.compare({span.track for span in reader.lost})

@@ -138,7 +138,7 @@ class StreamSession:
         self.begin = begin
         self.recorder: Recorder | None = None
         self.tick = 0
-        """Of the next row."""
+        """Tick of the next row."""
 
     def start(self, header: Header) -> None:
         self.recorder = self.begin(header)
@@ -594,7 +594,7 @@ class InputStream:
             step(self.parser)
         except ParameterError as error:
             if error.path is not None:
-                # Of the file that is written.
+                # The error of the output file has its path.
                 raise
             raise StreamError(f"{self.parser.place}: {error.message}") from error
 
