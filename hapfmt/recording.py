@@ -35,7 +35,7 @@ from .errors import (
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, LAST_TRACK_ID, TICK_LIMIT
 from .numbers import counted, exact, hertz, tick_range
 from .numbers import exact as to_fraction
-from .units import split_name, to_ucum
+from .units import given_units, split_name
 
 
 @dataclass(frozen=True)
@@ -133,10 +133,11 @@ def recording_of(
     if rate is None:
         raise ParameterError("an array has no rate; give one, such as rate=1000")
     names = _for_each(labels, "labels", len(rows)) or [f"ch{i + 1}" for i in range(len(rows))]
+    codes = given_units(_units(units, names), stacklevel=3)
     return Recording(
         tuple(
-            channel_of(row, rate, label=name, unit=to_ucum(code))
-            for row, name, code in zip(rows, names, _units(units, names), strict=True)
+            channel_of(row, rate, label=name, unit=code)
+            for row, name, code in zip(rows, names, codes, strict=True)
         )
     )
 
@@ -162,11 +163,12 @@ def _recording_of_frame(
     )
     for note in notes:
         warnings.warn(note, MovedTimesWarning, stacklevel=4)
+    codes = given_units(codes, stacklevel=4)
     return Recording(
         tuple(
             channel_of(
                 _row(frame.iloc[:, place].to_numpy(), name), rate,
-                ticks=ticks, label=name, unit=to_ucum(code),
+                ticks=ticks, label=name, unit=code,
             )
             for place, (name, code) in enumerate(zip(names, codes, strict=True))
         ),
@@ -677,7 +679,12 @@ class Channel:
     def from_physical(
         cls, x: NDArray[Any], rate: Rate, *, start_tick: int = 0, **described: Any
     ) -> Channel:
-        """A floating-point channel from values [ticks]; every NaN becomes a gap."""
+        """A floating-point channel from values [ticks]; every NaN becomes a gap.
+
+        ``unit`` is any spelling, as in :func:`hapfmt.write`; the channel has its UCUM code.
+        """
+        if isinstance(described.get("unit"), str):
+            described["unit"] = given_units([described["unit"]])[0]
         x = np.ascontiguousarray(x, dtype=np.float64)
         known = ~np.isnan(x)
         return cls(

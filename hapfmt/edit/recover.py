@@ -36,7 +36,7 @@ from ..format.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, check_file_id
 from ..limits import LAST_TRACK_ID, Limits
 from ..numbers import counted
 from ..reading.catalogue import Catalogue, ChunkRef
-from ..reading.damage import LostSpan, damage_report, told
+from ..reading.damage import LostPart, LostSpan, damage_report, lost_parts, told
 from ..reading.decoder import PieceDecoder, TrackDecoder, TrackDigest
 from ..reading.opening import from_walk, lose_chunk
 from ..reading.packets import PacketPass
@@ -252,15 +252,18 @@ OF_CHUNKS = frozenset({"bad-chunk", "bad-payload", "truncated", "duplicate-chunk
 """Findings with the offset of a chunk."""
 
 
-@dataclass
+@dataclass(repr=False)
 class Recovery:
-    """The data that ``recover`` kept, and the data that it lost."""
+    """The data that ``recover`` kept, and the data that it lost.
+
+    ``summary`` are plain sentences on damage and losses; ``lost`` are the lost parts with
+    ``labels``, ``start`` and ``stop`` in seconds.
+    """
 
     exit_code: int = 0
     findings: list[Finding] = field(default_factory=list)
-    lost: list[LostSpan] = field(default_factory=list)
-    told: list[str] = field(default_factory=list)
-    """Damage and losses, for people."""
+    lost: list[LostPart] = field(default_factory=list)
+    summary: list[str] = field(default_factory=list)
     damage: dict[str, Any] = field(default_factory=dict)
     """The damage report of docs/spec/recovery.md."""
     packets: int = 0
@@ -276,6 +279,19 @@ class Recovery:
     """In place: where the damaged file is now."""
     kept_unknown: list[str] = field(default_factory=list)
     dropped_unknown: list[str] = field(default_factory=list)
+
+    def headline(self) -> str:
+        """The numbers of packets and samples in the new file, and whether anything was lost."""
+        line = f"{counted(self.packets, 'packet')}, {counted(self.samples, 'sample')}"
+        if self.exit_code == DAMAGED:
+            return f"{line}; with loss"
+        open_end = any(each.code == "not-closed" for each in self.findings)
+        return f"{line}; nothing lost{' of what is in the file' if open_end else ''}"
+
+    def __repr__(self) -> str:
+        """What the command line prints."""
+        kept = [f"the damaged file is now {self.kept_as}"] if self.kept_as else []
+        return "\n  ".join([f"Recovery: {self.headline()}", *self.summary, *kept])
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -393,6 +409,7 @@ class Copy:
         self.limits = limits
         self.progress = progress
         self.done = Recovery()
+        self.lost: list[LostSpan] = []
         self.types = {ref.offset: ref.type for ref in catalogue.chunks if ref.known}
         described, self.places = describe(catalogue)
         head = catalogue.head
@@ -427,7 +444,7 @@ class Copy:
         apart = [ref for ref in catalogue.chunks if not (ref.known and ref.type == "DATA")]
         others = deque(sorted(apart, key=lambda ref: ref.sequence or 0))
         bare = [track.base for track in self.places if track.base is not None]
-        done.lost = [LostSpan(base, 0, None) for base in bare]
+        self.lost = [LostSpan(base, 0, None) for base in bare]
         for ref, packets in self.clusters():
             while others and (others[0].sequence or 0) < (ref.sequence or 0):
                 self.extras.copy(others.popleft())
@@ -441,15 +458,16 @@ class Copy:
         done.findings = catalogue.findings
         done.empty_tracks = len(self.places)
         lossy = any(self.costs(finding) for finding in done.findings)
-        if lossy or done.lost or self.places or self.extras.dropped:
+        if lossy or self.lost or self.places or self.extras.dropped:
             done.exit_code = DAMAGED
         elif catalogue.not_understood:
             done.exit_code = UNSUPPORTED
         if done.findings or done.exit_code == DAMAGED:
             write_note(catalogue, self.writer, self.note())
         self.writer.close()
-        done.told = told(catalogue, done.lost)
-        done.damage = damage_report(catalogue, done.lost)
+        done.lost = lost_parts(catalogue, self.lost)
+        done.summary = told(catalogue, self.lost)
+        done.damage = damage_report(catalogue, self.lost)
         done.file_size = self.writer.offset
         return done
 
@@ -461,7 +479,7 @@ class Copy:
         packets = current.packets(dict.fromkeys(self.tracks, EVERYTHING), progress=self.progress)
         for place, group in groupby(packets, lambda p: bisect_right(offsets, p.offset) - 1):
             yield refs[place], list(group)
-        self.done.lost += current.lost
+        self.lost += current.lost
         self.unharmed = current.unharmed
 
     def check(self, packet: Packet) -> bool:
@@ -481,7 +499,7 @@ class Copy:
         except FormatError as error:
             rule = error.requirement or "COD-001"
             self.catalogue.lose("bad-packet", packet.offset, len(packet.data), error.message, rule)
-            self.done.lost.append(LostSpan(packet.track, packet.start, packet.stop))
+            self.lost.append(LostSpan(packet.track, packet.start, packet.stop))
             self.done.undecodable += 1
             return False
         self.done.packets += 1
@@ -492,7 +510,7 @@ class Copy:
     def copy_digests(self) -> None:
         """Copies the checksums that still hold: those of tracks that lost nothing."""
         catalogue = self.catalogue
-        touched = {span.track for span in self.done.lost}
+        touched = {span.track for span in self.lost}
         kept: dict[int, bytes] = {}
         for track, (offset, digest) in self.stored.items():
             if track not in self.tracks:
@@ -532,7 +550,7 @@ class Copy:
         done = self.done
         if done.exit_code != DAMAGED:
             return "recovered; nothing was lost that stood in the file, its end may be missing"
-        lines = told(self.catalogue, done.lost)
+        lines = told(self.catalogue, self.lost)
         if len(lines) > NOTED:
             lines[NOTED:] = [f"and {len(lines) - NOTED} more"]
         kept = f"recovered from a damaged file: {counted(done.packets, 'packet')} kept"

@@ -16,6 +16,7 @@ corrections. Any binary64 number has one, since places are counted modulo 2^64 (
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -31,7 +32,7 @@ from ..codecs.exact import Counts, Doubles, ExactParameters, Lacking, ordered
 from ..codecs.grids import LpcParameters
 from ..codecs.raw import RawParameters, encode_raw
 from ..deadband import Deadband
-from ..errors import ParameterError
+from ..errors import DataWarning, ParameterError
 from ..format.cluster import Packet
 from ..format.track import Affine, Component, Contract, Track
 from ..format.wire import encode_text
@@ -40,6 +41,7 @@ from ..numbers import exact
 from ..reading.decoder import TrackDecoder
 from ..reading.verifier import nearest_counts
 from ..recording import Calibration, Channel, Deviation, Span
+from ..units import unknown_unit
 from .bounded import contract_for, scalar_ways
 from .exact import beside_counts, natural_candidate
 from .gridded import grid_within, nearest
@@ -82,6 +84,8 @@ class Input:
         for text in (self.label, self.unit, self.quantity, self.axis, self.group, self.body_site):
             encode_text(text)
         encode_text(self.device)
+        if (note := unknown_unit(self.unit, kept=self.unit)) is not None:
+            warnings.warn(note, DataWarning, stacklevel=3)
         if self.rate <= 0:
             raise ParameterError(f"the rate of {self.label!r} is positive")
         if self.bits not in COUNT_BITS:

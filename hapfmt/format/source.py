@@ -293,6 +293,10 @@ def open_source(
         return BytesSource(bytes(file))
     if isinstance(file, (str, os.PathLike)):
         return source_of(Path(file).open("rb"), os.fspath(file), owned=True)
+    if not hasattr(file, "read"):
+        raise ParameterError(
+            f"a file is a path, a URL, bytes or a binary stream, not a {type(file).__name__}"
+        )
     name = getattr(file, "name", None)
     return source_of(file, name if isinstance(name, str) else None, owned=False)
 

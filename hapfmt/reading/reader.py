@@ -30,7 +30,7 @@ from ..numbers import exact as exact_number
 from ..recording import Event, Recording
 from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
-from .damage import LostSpan
+from .damage import LostSpan, damaged_areas
 from .decoder import (
     BANDS,
     Assembly,
@@ -166,10 +166,10 @@ class Reader(Closing):
         self.lost: list[LostSpan] = []
         try:
             self.catalogue: Catalogue = self.opened(scan=scan)
+            self.refuse_damage()
         except BaseException:
             self.source.close()
             raise
-        self.refuse_damage()
 
     def opened(self, *, scan: bool) -> Catalogue:
         return open_catalogue(self.source, scan=scan, limits=self.limits, file_id=self.file_id)
@@ -180,7 +180,7 @@ class Reader(Closing):
     def __repr__(self) -> str:
         """One line: the file, and the damage found so far."""
         name = "" if self.source.path is None else f" {self.source.path!r}"
-        damage = sum(finding.code not in HARMLESS for finding in self.findings)
+        damage = len(damaged_areas(self.findings))
         facts = [
             counted(len(self.channels), "channel"),
             f"{float(self.duration):.6g} s",
@@ -251,7 +251,7 @@ class Reader(Closing):
             first = self.findings[0]
             raise first.error(
                 f"{first.code}: {first.message}. hapfmt.Reader reads what is intact; "
-                "hapfmt recover IN OUT writes an intact copy",
+                "hapfmt.recover(file, into) writes an intact copy",
                 requirement=first.requirement,
                 offset=first.offset,
                 path=self.source.path,

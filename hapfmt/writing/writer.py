@@ -15,7 +15,7 @@ from ..codecs.events import coded, event_packets, layer_track, rate_of
 from ..convert import refuse_foreign
 from ..encoder.encode import Decision, Encoded, encode
 from ..encoder.settings import INPUT, INPUT_SIZE, Settings, alias_note, lossy_preset, renamed
-from ..errors import ParameterError, unknown
+from ..errors import DataWarning, ParameterError, unknown
 from ..files import refuse, target
 from ..format.cluster import Packet
 from ..format.extras import Attachment, build_attachment, build_metadata
@@ -24,6 +24,7 @@ from ..format.wire import check_file_id
 from ..limits import LEVELS
 from ..reading.decoder import TrackDecoder, TrackDigest
 from ..recording import Rate, Recording, Units, by_layer, recording_of
+from ..units import unknown_unit
 from ..version import __version__
 from .filewriter import FileWriter
 
@@ -109,8 +110,8 @@ def write(
     if settings is not None and (preset is not None or options):
         raise ParameterError("give settings, or a preset with options, not both")
     if settings is None:
-        if preset is not None and (note := alias_note(preset)):
-            warnings.warn(note, DeprecationWarning, stacklevel=2)
+        if preset is not None and (old := alias_note(preset)):
+            warnings.warn(old, DeprecationWarning, stacklevel=2)
         name, given = renamed("lossless" if preset is None else preset, options)
         try:
             settings = Settings.of(name, **given)
@@ -123,6 +124,9 @@ def write(
     if isinstance(file, (str, os.PathLike)):
         refuse_foreign(file)
     recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)
+    for unit in dict.fromkeys(channel.unit for channel in recording):
+        if (note := unknown_unit(unit, kept=unit)) is not None:
+            warnings.warn(note, DataWarning, stacklevel=2)
     check_file_id(None if canonical == "content" else canonical)
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
