@@ -116,7 +116,7 @@ def tell_place(rating: Rating) -> None:
 
 
 def tell_keys() -> None:
-    tell("r plays the reference, p this one, a the last once more")
+    tell("r plays the reference, p this one, a the last again")
     tell(f"a number from 0 to {HIGHEST} and Enter rates this one; b goes back by one, q stops")
 
 

@@ -58,7 +58,7 @@ EVERYTHING = (0, 1 << 62)
 
 def describe(catalogue: Catalogue) -> tuple[list[Record], list[Track]]:
     """All tracks that can be kept, HF last; and the tracks that stand for lost ones, without
-    packets: also of channels that an event speaks of."""
+    packets: also of channels that an event refers to."""
     kept = dict(copied(catalogue, rejoined(usable(catalogue))))
     places = placeholders({track.id: track for track in kept}, catalogue)
     kept |= {track: build_track(track) for track in places}
@@ -107,7 +107,7 @@ def copied(catalogue: Catalogue, kept: dict[int, Track]) -> Iterator[Record]:
 
 def placeholders(described: dict[int, Track], catalogue: Catalogue) -> list[Track]:
     """An empty HF track for each LF track without one (TRK-012), and empty tracks for channel
-    numbers that nothing speaks of (TRK-010)."""
+    numbers without any reference (TRK-010)."""
     ids = free_ids(described.keys() | catalogue.tracks.keys())
     bases = {track.base for track in described.values() if track.kind == "hf"}
     places = [
@@ -130,7 +130,7 @@ def placeholders(described: dict[int, Track], catalogue: Catalogue) -> list[Trac
 
 
 def highest_named(catalogue: Catalogue, described: dict[int, Track]) -> int:
-    """The highest channel number that an event speaks of, -1 where none does."""
+    """The highest channel number in an event, -1 where no event has one."""
     layers = [t for t in described.values() if t.kind == "events" and t.unsupported is None]
     everything = dict.fromkeys((layer.id for layer in layers), EVERYTHING)
     decoders = {layer.id: TrackDecoder(layer, catalogue.level) for layer in layers}

@@ -296,7 +296,7 @@ class Catalogue:
                 self.lose("bad-chunk", chunk.offset, size, f"{type_} chunk: {error.message}", rule)
 
     def observed_track(self, chunk: Chunk) -> int | None:
-        """The track whose ticks a clock chunk speaks of (CLK-005)."""
+        """The track whose ticks a clock chunk refers to (CLK-005)."""
         id_ = chunk.header.track
         track = self.tracks.get(id_)
         known = track and track.kind != "events" and (self.damaged or track.offset < chunk.offset)

@@ -80,7 +80,7 @@ class TrackDecoder:
         try:
             return codebook_of(self.track.parameters, self.level)
         except HapfmtError:
-            # Once more, to tell the place.
+            # Decode again, to report the place.
             return QuanParameters.parse(self.track.parameters, self.level, self.track.offset)
 
     def parse_exact(self) -> Exact:
@@ -414,8 +414,8 @@ class Assembly:
 def events_of(
     events: Sequence[Event], known: Sequence[ChannelRef], chosen: Sequence[ChannelRef]
 ) -> tuple[Event, ...]:
-    """Those of the chosen channels, by their places there, and those that speak of none, or of one
-    that is lost."""
+    """Events of the chosen channels, numbered by their places there, and events without a channel
+    or of a lost one."""
     places: dict[int | str | None, int | None] = {None: None}
     for place, ref in enumerate(chosen):
         places.setdefault(ref.number, place)

@@ -162,7 +162,7 @@ def cut(original: Channel, parts: Sequence[Channel]) -> list[Channel]:
 
 
 def check_track(members: Sequence[ExpectedPart]) -> list[ContractCheck]:
-    """The channels of one track together, since a vector contract speaks of all of them."""
+    """The channels of one track together, since a vector contract concerns all of them."""
     pairs = [pair_up(member.original, member.decoded) for member in members]
     part = members[0].part
     contract = part.contract

@@ -1,4 +1,4 @@
-// All descriptions of a file together: the rules of 6.3 that speak of more than one track.
+// All descriptions of a file together: the rules of 6.3 that concern more than one track.
 import { HapfError } from './error.js';
 import { limitDescriptions, readTrak } from './trak.js';
 import { checkCalibration } from './values.js';
