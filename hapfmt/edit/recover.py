@@ -84,7 +84,8 @@ def rejoined(kept: dict[int, Track]) -> dict[int, Track]:
     table.tracks = kept
     out = dict(kept)
     for chain in table.chains():
-        for before, track in zip([None, *chain], chain, strict=False):
+        known = [track for track in chain if track.unsupported is None]
+        for before, track in zip([None, *known], known, strict=False):
             if track.continues is not None and track.continues not in kept:
                 out[track.id] = replace(track, continues=before.id if before else None)
     return out
@@ -474,6 +475,8 @@ class Copy:
             self.writer.level.check("payload_size", alone_size(packet), "LIM-001", packet.offset)
             if decoder is not None:
                 piece = self.pieces.decode(packet)
+                if piece.fault is not None:
+                    raise piece.fault
                 if packet.offset < self.stored.get(packet.track, (0, b""))[0]:
                     self.digests[packet.track].update(packet.start, piece.digested)
                 else:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..errors import FormatError, ParameterError
 from ..limits import EXACT_LIMIT, LAST_TRACK_ID, Level
@@ -34,7 +34,17 @@ from .tlv import (
     share,
     spread,
 )
-from .track import CODECS, COMPONENTS, IDENTITY, KINDS, NUMBER_FORMATS, Affine, Component, Track
+from .track import (
+    CODECS,
+    COMPONENTS,
+    IDENTITY,
+    KINDS,
+    NUMBER_FORMATS,
+    Affine,
+    Component,
+    Contract,
+    Track,
+)
 from .wire import NO_TRACK
 
 PARAMETERS, LABEL, CALIBRATIONS, UNIT, QUANTITY, AXIS, GROUP = 1, 2, 3, 4, 6, 8, 10
@@ -215,24 +225,29 @@ def parse_track(raw: Any, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
         )
     linked = None if raw.linked == NO_TRACK else raw.linked
     continues = kind in ("full", "lf")
-    contract_at, contract = tlvs.get(CONTRACT, (0, None))
-    text_at, text = tlvs.get(PROVENANCE, (0, b""))
+    unsupported = find_unsupported(raw, tlvs)
+    described = Described((Component(),) * size)
+    try:
+        described = parse_described(tlvs, size)
+    except FormatError:
+        if unsupported is None:
+            raise
     return Track(
         id=id_,
         kind=kind,
         codec=raw.codec.decode("latin-1"),
         rate=Fraction(raw.rate_num, raw.rate_den),
         first_channel=raw.first_channel,
-        components=tuple(parse_components(tlvs, size)),
+        components=described.components,
         parameters=tlvs.get(PARAMETERS, (0, b""))[1],
         number_format=format_,
         count_min=raw.count_min,
         count_max=raw.count_max,
         base=None if continues else linked,
         continues=linked if continues else None,
-        contract=None if contract is None else parse_contract(contract, contract_at, size),
-        provenance=parse_text(text, text_at),
-        unsupported=find_unsupported(raw, tlvs),
+        contract=described.contract,
+        provenance=described.provenance,
+        unsupported=unsupported,
         unknown=tuple((type_, value) for type_, (_, value) in tlvs.items() if type_ not in KNOWN),
         offset=offset,
     )
@@ -322,6 +337,22 @@ def check_exact(track: Track, offset: int) -> None:
                 requirement="VAL-001",
                 offset=offset,
             )
+
+
+class Described(NamedTuple):
+    """What the TLVs say of a track."""
+
+    components: tuple[Component, ...]
+    contract: Contract | None = None
+    provenance: str = ""
+
+
+def parse_described(tlvs: Tlvs, size: int) -> Described:
+    components = tuple(parse_components(tlvs, size))
+    contract_at, contract = tlvs.get(CONTRACT, (0, None))
+    text_at, text = tlvs.get(PROVENANCE, (0, b""))
+    parsed = None if contract is None else parse_contract(contract, contract_at, size)
+    return Described(components, parsed, parse_text(text, text_at))
 
 
 def parse_components(tlvs: Tlvs, count: int) -> Iterator[Component]:

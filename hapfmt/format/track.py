@@ -151,6 +151,12 @@ def unsupported_track(track: Track, path: str | None = None) -> UnsupportedError
     )
 
 
+def taken(track: Track) -> FormatError:
+    return FormatError(
+        f"channel number of track {track.id} is taken", requirement="TRK-010", offset=track.offset
+    )
+
+
 def unlike(track: Track) -> FormatError:
     return FormatError(
         f"track {track.id} cannot continue track {track.continues}",
@@ -183,40 +189,49 @@ class TrackTable:
         )
 
     def add(self, tracks: Sequence[Track], *, damaged: bool = False) -> None:
-        """``damaged``: an HF track may have lost its base, a track the one it continues; both are
-        kept."""
+        """``damaged``: tracks may be lost, so what must hold between them is checked at the end, by
+        ``drop_strangers``."""
         for track in tracks:
             if track.id in self.tracks:
                 raise self.twice(track.id, track.offset)
-            if track.kind == "hf":
-                if track.unsupported is None and (track.base in self.tracks or not damaged):
-                    self.check_base(track)
-            elif track.continues is not None:
-                if track.unsupported is None and not damaged:
-                    self.check_continued(track)
-                self.continued.add(track.continues)
-            elif not self.channels.isdisjoint(track.channels):
-                raise FormatError(
-                    f"channel number of track {track.id} is taken",
-                    requirement="TRK-010",
-                    offset=track.offset,
-                )
+        for track in tracks:
+            if not damaged:
+                self.check(track)
+            if track.continues is not None:
+                if track.unsupported is None:
+                    self.continued.add(track.continues)
             else:
                 self.channels.update(track.channels)
             if track.kind == "hf" and track.base is not None:
                 self.bases.add(track.base)
             self.tracks[track.id] = track
 
+    def check(self, track: Track) -> None:
+        """TRK-007, 010 and 016: what must hold between a new track and those before it."""
+        id_ = track.base if track.continues is None else track.continues
+        linked = None if id_ is None else self.tracks.get(id_)
+        alone = (linked or track).unsupported or track.unsupported
+        if track.kind == "hf":
+            if not alone:
+                self.check_base(track)
+        elif track.continues is not None:
+            if not alone:
+                self.check_continued(track)
+        elif not self.channels.isdisjoint(track.channels):
+            raise taken(track)
+
     def chains(self) -> list[list[Track]]:
-        """Tracks of channels but for HF, those that continue one another together, by their ids.
+        """Tracks of channels but for HF, those that continue one another together, by their ids;
+        unsupported ones come last.
 
         They share their channel numbers, and nothing else does: so a lost one breaks no chain. One
         that does not fit can only be an unsupported one, of which nothing was checked.
         """
         chains = []
-        for first, *others in self.of_one_channel():
+        for alike in self.of_one_channel():
+            first, *others = sorted(alike, key=lambda track: track.unsupported is not None)
             chain = [first]
-            chain += [track for track in others if track.fits(first)]
+            chain += [track for track in others if track.fits(first) or first.fits(track)]
             chains.append(chain)
         return chains
 
@@ -229,33 +244,56 @@ class TrackTable:
         return list(found.values())
 
     def drop_strangers(self) -> list[FormatError]:
-        """In a damaged file: drops tracks that do not match their base or the track that they
-        continue, where these came later, or never."""
-        dropped = []
-        for alike in self.of_one_channel():
-            before: Track | None = None
-            for track in alike:
-                strange = track.continues in self.tracks
-                if before is not None:
-                    strange = strange and track.continues != before.id
-                    strange = strange or track.continues is None or not track.fits(before)
-                if strange:
-                    del self.tracks[track.id]
-                    dropped.append(unlike(track))
-                else:
-                    before = track
+        """In a damaged file: drops tracks that do not fit those that are left with smaller ids
+        (SPEC 14.1)."""
+        dropped: list[FormatError] = []
+        last: dict[int, Track] = {}
+        owned: set[int] = set()
+        supported: set[int] = set()
         self.bases.clear()
-        for track in [track for track in self.tracks.values() if track.kind == "hf"]:
+        tracks = [self.tracks[id_] for id_ in sorted(self.tracks)]
+        for track in [track for track in tracks if track.kind not in ("hf", "events")]:
+            error = self.stranger(track, last.get(track.first_channel), owned, supported)
+            if error is not None:
+                del self.tracks[track.id]
+                dropped.append(error)
+                continue
+            owned.update(track.channels)
+            if track.unsupported is None:
+                supported.update(track.channels)
+                last[track.first_channel] = track
+        for track in [track for track in tracks if track.kind == "hf"]:
             try:
-                if track.unsupported is None and track.base in self.tracks:
+                if track.unsupported is None and self.knows(track.base):
                     self.check_base(track)
             except FormatError as error:
                 del self.tracks[track.id]
                 dropped.append(error)
                 continue
-            if track.base is not None:
+            if track.unsupported is None and track.base is not None:
                 self.bases.add(track.base)
         return dropped
+
+    def knows(self, id_: int | None) -> bool:
+        """Whether the track is there and supported: to others, one that is not is like a lost
+        one."""
+        track = self.tracks.get(-1 if id_ is None else id_)
+        return track is not None and track.unsupported is None
+
+    def stranger(
+        self, track: Track, before: Track | None, owned: set[int], supported: set[int]
+    ) -> FormatError | None:
+        """Why a track does not fit ``before``, the last supported one with its first channel."""
+        if track.unsupported is not None:
+            free = track.continues is not None or owned.isdisjoint(track.channels)
+            return None if free else taken(track)
+        if before is not None and track.continues is not None:
+            other = self.knows(track.continues) and track.continues != before.id
+            return unlike(track) if other or not track.fits(before) else None
+        if self.knows(track.continues):
+            return unlike(track)
+        numbers = owned if track.continues is None else supported
+        return None if numbers.isdisjoint(track.channels) else taken(track)
 
     def check_continued(self, track: Track) -> None:
         before = self.tracks.get(-1 if track.continues is None else track.continues)

@@ -196,10 +196,14 @@ class Catalogue:
 
     @property
     def parts(self) -> list[tuple[TrackPair, ...]]:
-        """Tracks that continue one another together, each with its HF track."""
+        """Tracks that continue one another together, each with its HF track. An unsupported track
+        counts as lost to its HF track (SPEC 6.3)."""
         residuals = {track.base: track for track in self.tracks.values() if track.kind == "hf"}
         return [
-            tuple(TrackPair(track, residuals.get(track.id)) for track in chain)
+            tuple(
+                TrackPair(track, None if track.unsupported else residuals.get(track.id))
+                for track in chain
+            )
             for chain in self.table.chains()
         ]
 

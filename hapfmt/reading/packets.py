@@ -135,7 +135,7 @@ EXTRA_SIZE = 1 << 16
 @dataclass
 class TrackLine:
     """Tracks that continue one another, or one alone: which is at work, and where its last packet
-    ended. ``free``: of events, whose packets come in any order."""
+    ended. ``free``: of events, whose packets come in any order, or unsupported."""
 
     tracks: tuple[int, ...]
     free: bool = False
@@ -145,13 +145,17 @@ class TrackLine:
 
 def lines_of(catalogue: Catalogue) -> dict[int, tuple[TrackLine, int]]:
     """By track, with its place in the line."""
-    rows: list[tuple[int, ...]] = [(track,) for track in catalogue.tracks]
+    tracks = catalogue.tracks
+    rows: list[tuple[int, ...]] = [(track,) for track in tracks]
     for parts in catalogue.parts:
-        rows.append(tuple(part.track.id for part in parts))
-        rows.append(tuple(part.residual.id for part in parts if part.residual))
+        known = [part for part in parts if not part.track.unsupported]
+        rows.append(tuple(part.track.id for part in known))
+        residuals = [part.residual for part in known if part.residual]
+        rows.append(tuple(track.id for track in residuals if not track.unsupported))
     lines: dict[int, tuple[TrackLine, int]] = {}
     for row in rows:
-        line = TrackLine(row, any(catalogue.tracks[track].kind == "events" for track in row))
+        free = any(tracks[id_].kind == "events" or tracks[id_].unsupported for id_ in row)
+        line = TrackLine(row, free)
         lines |= {track: (line, place) for place, track in enumerate(row)}
     return lines
 

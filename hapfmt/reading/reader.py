@@ -417,13 +417,14 @@ class Reader(Closing):
             lambda job: (job, decode(job)), jobs, threads, lambda job: job.weight / IN_FLIGHT
         ):
             for packet, piece in zip(batch.packets, pieces, strict=True):
+                fault = piece.fault if isinstance(piece, DecodedPiece) else piece
+                if fault is not None:
+                    if not self.catalogue.damaged:
+                        raise fault
+                    # In a damaged file a broken rule is part of the damage (SPEC clause 14).
+                    self.lose_packet(packet, fault)
                 if isinstance(piece, DecodedPiece):
                     yield piece
-                elif self.catalogue.damaged:
-                    # In a damaged file a broken rule is part of the damage (SPEC clause 14).
-                    self.lose_packet(packet, piece)
-                else:
-                    raise piece
 
     def threads_for(self, tracks: Sequence[Track]) -> int:
         """Number of threads; one where there is or may be damage. Then earlier findings decide how
