@@ -70,7 +70,7 @@ def usable(catalogue: Catalogue) -> dict[int, Track]:
     """HF tracks only with their base."""
     found: dict[int, Track] = {}
     for track in sorted(catalogue.tracks.values(), key=lambda t: (t.kind == "hf", t.id)):
-        if track.kind == "hf" and track.base not in found:
+        if track.is_orphan(found):
             message = f"HF track {track.id} has lost its base track {track.base}"
             catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-003")
             continue
@@ -518,7 +518,7 @@ class Copy:
             return False
         if finding.code in ("missing-chunk", "missing-head"):
             return True
-        if finding.code == "bad-payload" and finding.offset in self.unharmed:
+        if finding.code in ("bad-payload", "bad-chunk") and finding.offset in self.unharmed:
             return False
         if finding.offset + finding.size <= len(SIGNATURE):
             # The rest of the signature, which the writer writes again.

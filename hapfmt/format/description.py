@@ -294,12 +294,6 @@ def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
         )
     if words and track.contract is not None:
         raise FormatError("an error bound on words", requirement="TRK-006", offset=offset)
-    if hf and track.base is None:
-        raise FormatError(
-            "HF track without a base track",
-            requirement="TRK-007",
-            offset=offset + TRACK.offsets["linked"],
-        )
     if hf and INHERITED & tlvs.keys():
         raise FormatError(
             "HF track describes what it has from its base", requirement="TRK-009", offset=offset

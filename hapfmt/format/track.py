@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
@@ -94,6 +94,10 @@ class Track:
         """Whether the declared range has the width that the level allows (TRK-005)."""
         bound = 1 << ((level.residual_bits if self.kind == "hf" else level.count_bits) - 1)
         return -bound <= self.count_min <= self.count_max < bound
+
+    def is_orphan(self, tracks: Container[int]) -> bool:
+        """Whether this is an HF track whose base is not among the tracks."""
+        return self.kind == "hf" and self.unsupported is None and self.base not in tracks
 
     def fits(self, before: Track) -> bool:
         """Whether this track can continue another one (TRK-016)."""
@@ -210,7 +214,10 @@ class TrackTable:
         """TRK-007, 010 and 016: what must hold between a new track and those before it."""
         id_ = track.base if track.continues is None else track.continues
         linked = None if id_ is None else self.tracks.get(id_)
-        alone = (linked or track).unsupported or track.unsupported
+        if track.unsupported is not None:
+            # An unknown part comes before a broken rule (clause 13).
+            return
+        alone = linked is not None and linked.unsupported is not None
         if track.kind == "hf":
             if not alone:
                 self.check_base(track)

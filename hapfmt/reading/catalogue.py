@@ -140,6 +140,8 @@ class Catalogue:
     unknown: list[ChunkHeader] = field(default_factory=list)
     unsupported: UnsupportedError | None = None
     foot: Foot | None = None
+    ended: bool = False
+    """Whether the last chunk is an intact fOOT, even one that breaks a rule."""
     indexed: bool = False
     tolerant: bool = False
     """Whether a broken rule counts as damage in a file without any other."""
@@ -174,7 +176,7 @@ class Catalogue:
 
     @property
     def closed(self) -> bool:
-        return self.foot is not None
+        return self.foot is not None or self.ended
 
     @property
     def data(self) -> list[ChunkRef]:
@@ -348,10 +350,6 @@ class Catalogue:
         if header.type == "HEAD":
             self.learn_head(chunk)
             return None
-        if self.head is None and not self.damaged:
-            raise FormatError(
-                "the first chunk is not HEAD", requirement="HED-001", offset=chunk.offset
-            )
         self.level.check("payload_size", header.payload_size, "LIM-001", chunk.offset)
         if header.type == "TRAK":
             if self.table.is_new(header.track, chunk.payload, offset):

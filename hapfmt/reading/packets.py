@@ -128,6 +128,8 @@ TAIL_LOSSES = frozenset({"truncated", "garbage", "duplicate-chunk"})
 """Findings that may have been a DATA chunk."""
 MS = 10**6
 """Nanoseconds."""
+OF_PACKETS = ("DAT-004", "DAT-008", "DAT-009")
+"""Rules that cost one packet and not its table."""
 EXTRA_SIZE = 1 << 16
 """Bytes that a damaged payload may be longer than its header says."""
 
@@ -277,6 +279,10 @@ class PacketPass:
             except FormatError as error:
                 if not catalogue.damaged:
                     raise error.at(path=catalogue.source.path) from None
+                rule = error.requirement or "DAT-005"
+                if rule not in OF_PACKETS:
+                    message = f"DATA chunk: {error.message}"
+                    catalogue.lose("bad-chunk", ref.offset, HEADER_SIZE + size, message, rule)
         elif ref.limit is not None:
             message = "checksum error in the payload of a DATA chunk"
             catalogue.lose(

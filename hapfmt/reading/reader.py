@@ -387,8 +387,10 @@ class Reader(Closing):
         *,
         exact: bool = False,
         progress: Callable[[int, int], None] | None = None,
+        beside: Sequence[Track] = (),
     ) -> Iterator[DecodedPiece]:
         """Decoded packets of ``tracks`` in order of the file, cut to the seconds [start, stop).
+        The losses of tracks ``beside`` are noted too.
 
         Memory is that of one cluster. A read of everything walks through the file first, so that
         no damage goes by unseen; a read of a part trusts the index as far as it holds.
@@ -396,7 +398,7 @@ class Reader(Closing):
         if start is None and stop is None:
             self.scan()
         self.refuse_unknown()
-        ranges = {t.id: tick_range(t.rate, start, stop) for t in tracks}
+        ranges = {t.id: tick_range(t.rate, start, stop) for t in [*tracks, *beside]}
         decoders = {t.id: TrackDecoder(t, self.catalogue.level, self.source.path) for t in tracks}
 
         decoder = PieceDecoder(decoders, ranges, exact=exact)
@@ -411,7 +413,8 @@ class Reader(Closing):
             return pieces
 
         threads = self.threads_for(tracks)
-        packets = self.weighed(self.packets(ranges, start, stop, progress), decoders)
+        found = self.packets(ranges, start, stop, progress)
+        packets = self.weighed((p for p in found if p.track in decoders), decoders)
         jobs = batches(packets, BATCH if threads > 1 else 1)
         for batch, pieces in in_order(
             lambda job: (job, decode(job)), jobs, threads, lambda job: job.weight / IN_FLIGHT

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hapfmt.codecs.events import CodedEvent
+from hapfmt.errors import FormatError, verdict_of
 from hapfmt.format.description import split
 from hapfmt.format.extras import parse_clock, parse_map
 from hapfmt.format.layout import TRACK
@@ -28,7 +29,11 @@ def decode_into(source: str, folder: str) -> int:
     """Writes decode.json and raw files; the exit code of SPEC clause 13."""
     room = Path(folder)
     with Reader(source, scan=True) as reader:
-        write_json(room / "decode.json", decoded(reader, room))
+        try:
+            write_json(room / "decode.json", decoded(reader, room))
+        except FormatError as error:
+            codes = (finding.code for finding in reader.findings)
+            return verdict_of(codes, error=error, unknown=reader.catalogue.not_understood)
         return reader.exit_code
 
 
