@@ -487,7 +487,8 @@ class Reader(Closing):
         """What nobody can give for want of a description: LF tracks without their HF track
         (DEC-003), and tracks that a known one continues."""
         parts = {part.track.id: part for ref in chosen for part in ref.parts}
-        bare = [p.track for p in parts.values() if p.track.kind == "lf" and not p.residual]
+        known = [part for part in parts.values() if not part.track.unsupported]
+        bare = [p.track for p in known if p.track.kind == "lf" and not p.residual]
         if band != "full":
             bare = []
         if bare and self.catalogue.closed and not self.catalogue.damaged:
