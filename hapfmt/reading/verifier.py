@@ -408,7 +408,7 @@ def check_structure(catalogue: Catalogue) -> None:
                 )
             unlisted += size
     foot = catalogue.foot
-    if foot is None:
+    if foot is None or catalogue.unsupported:
         return
     at = catalogue.source.size - 32
     bases = catalogue.table.bases
