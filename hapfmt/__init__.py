@@ -32,14 +32,13 @@ if TYPE_CHECKING:
         UnknownChannelError,
         UnsupportedError,
     )
-    from .events import Event
     from .format.extras import ClockMap, ClockObservation
     from .limits import Limits
     from .reading.clocks import fit_clock
     from .reading.follow import Follower
     from .reading.reader import Reader
     from .reading.verifier import verify
-    from .recording import Calibration, Channel, Recording, Span
+    from .recording import Calibration, Channel, Event, Recording, Span
     from .writing.recorder import Recorder, Status
     from .writing.writer import Summary, write
 
@@ -60,7 +59,7 @@ _PLACES = {
     "TruncatedError": "errors",
     "UnknownChannelError": "errors",
     "UnsupportedError": "errors",
-    "Event": "events",
+    "Event": "recording",
     "ClockMap": "format.extras",
     "ClockObservation": "format.extras",
     "Limits": "limits",

@@ -221,11 +221,11 @@ def wrong_key(table: type[Struct], values: dict[Any, Any], at: str) -> Descripti
     for key, each in known.items():
         if each.required and key not in values:
             node = schema_node(each.type)
-            told = (
+            advised = (
                 f"{node['description']} ({words(node)})" if "description" in node else words(node)
             )
             requirement = requirement_of(each.type)
-            return DescriptionError(joined(at, key), f"is missing; add {told}", requirement)
+            return DescriptionError(joined(at, key), f"is missing; add {advised}", requirement)
     return None
 
 
@@ -247,7 +247,7 @@ TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "array": ((list, tuple), "a list"),
     "object": ((dict,), "a table of keys and values"),
 }
-"""Of JSON: what they are in Python, and in words."""
+"""Types of JSON: their Python types, and their names in messages."""
 
 
 def advice(value: Any, node: dict[str, Any]) -> str:
@@ -261,7 +261,7 @@ def advice(value: Any, node: dict[str, Any]) -> str:
             end = ", without quotes"
         elif wanted == {"string"}:
             end = ", between quotes"
-        return f"is {named(value)}; write {words(node)}{end}"
+        return f"is {type_text(value)}; write {words(node)}{end}"
     whole, node = words(node), fitting[0]
     if "enum" in node:
         near = similar(value[:LONGEST], node["enum"]) if isinstance(value, str) else None
@@ -273,8 +273,8 @@ def advice(value: Any, node: dict[str, Any]) -> str:
         return f"has {counted(len(value), unit)}; write {whole}"
     if isinstance(value, (int, float)) and (node["type"] == "number" or isinstance(value, int)):
         return f"{shown(value)} is out of range; write {whole}"
-    told = f": {node['description']}" if "pattern" in node and "description" in node else ""
-    return f"{shown(value)} cannot be used; write {whole}{told}"
+    meaning = f": {node['description']}" if "pattern" in node and "description" in node else ""
+    return f"{shown(value)} cannot be used; write {whole}{meaning}"
 
 
 def fits(value: Any, node: dict[str, Any]) -> bool:
@@ -291,7 +291,7 @@ def fits_length(value: Any, node: dict[str, Any]) -> bool:
     return low <= len(value) and (high is None or len(value) <= high)
 
 
-def named(value: Any) -> str:
+def type_text(value: Any) -> str:
     if isinstance(value, bool) or value is None:
         return json.dumps(value)
     found = (words for kinds, words in reversed(TYPES.values()) if isinstance(value, kinds))

@@ -100,6 +100,10 @@ class MovedTimesWarning(UserWarning):
     """The times of a table were moved onto a regular grid of ticks, or to another zero."""
 
 
+class DataWarning(UserWarning):
+    """hapfmt kept the data, but they may not be as the caller meant: an unknown unit, say."""
+
+
 class LateError(HapfmtError):
     """A replay stopped itself, since it or the device could not keep up."""
 

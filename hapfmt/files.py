@@ -66,7 +66,7 @@ def unlock(descriptor: int) -> None:
 
 
 def in_use(path: str | os.PathLike[str]) -> bool:
-    """Whether a writer has the file; False where nobody can tell."""
+    """True if a writer has locked the file; False also where the system has no locks."""
     try:
         descriptor = os.open(path, os.O_RDONLY)
     except OSError:
@@ -165,7 +165,7 @@ def refuse(name: str, force: bool) -> None:
 
 
 def refusal(message: str) -> ParameterError:
-    """Of a message that names the file itself."""
+    """An error whose message names the file itself."""
     return ParameterError(message, path="")
 
 

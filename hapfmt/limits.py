@@ -77,14 +77,25 @@ def parse_size(text: str | int) -> int:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the caller is ready to spend on a file; more is *unsupported*, not damage (LIM-003).
+    """What a caller allows a file to use; more makes it unsupported, not damaged (LIM-003).
 
-    ``memory``: bytes that reading, checking or converting may take, without the program itself; the
-    other bounds are then reduced to what fits. ``samples``: decoded samples held at once.
-    ``packet_samples``: samples of one packet. ``work_samples``: samples decoded in one pass, held
-    or not (108 hours of 22 channels at 1 kHz). ``records``: chunks, and findings where there is
-    damage. ``components``: described in all. ``metadata`` (with clocks), ``attachments``: bytes
-    of them. ``events``: held at once.
+    memory
+        bytes for reading, checking or converting, without the program itself. The other limits
+        are reduced to what fits.
+    samples
+        decoded samples in memory at once.
+    packet_samples
+        samples of one packet.
+    work_samples
+        samples decoded in one pass, kept or not (108 hours of 22 channels at 1 kHz).
+    records
+        chunks of the file, and findings of damage.
+    components
+        components of all described tracks.
+    metadata, attachments
+        bytes of the metadata with the clocks, and of the attachments.
+    events
+        events in memory at once.
     """
 
     samples: int = 1 << 28
@@ -106,11 +117,11 @@ class Limits:
 
     @classmethod
     def of_memory(cls, size: str | int) -> Limits:
-        """``size`` in bytes, or as a text: "256M"."""
+        """Limits for this much memory, in bytes or as a text: "256M". Raises ParameterError."""
         return cls(memory=parse_size(size))
 
     def check(self, name: str, value: int, what: str, offset: int | None = None) -> None:
-        """LimitError where ``value`` is above the bound called ``name``."""
+        """Raise LimitError if ``value`` is above the limit ``name``."""
         bound = getattr(self, name)
         if value > bound:
             way = f"raise Limits({name}=...)"

@@ -1,9 +1,9 @@
-"""Recording and Channel: the data in memory, and their conversion from and to arrays and tables.
+"""Recording, Channel and Event: the data in memory, and their conversion from and to arrays.
 
 A channel holds integer counts with a calibration, or floating-point values. It keeps the measured
 samples and the spans of ticks that they cover. Ticks outside every span are a gap. A gap takes no
 memory and becomes NaN only in :meth:`Channel.filled`. A Recording converts from and to arrays,
-tables and data frames.
+tables and data frames. An event is a marker or annotation, with times in seconds.
 """
 
 from __future__ import annotations
@@ -32,11 +32,67 @@ from .errors import (
     matching,
     unknown,
 )
-from .events import Event
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, LAST_TRACK_ID, TICK_LIMIT
-from .numbers import counted, hertz, tick_range
+from .numbers import counted, exact, hertz, tick_range
 from .numbers import exact as to_fraction
-from .units import split_name, to_ucum
+from .units import given_units, split_name
+
+
+@dataclass(frozen=True)
+class Event:
+    """A text at ``time``, in seconds from the zero of the recording, valid for ``duration``.
+
+    A float stands for its shortest decimal. A file keeps times exactly if their common
+    denominator is below 2^32, else to the microsecond.
+
+    channel
+        label or number of a channel; None: the event concerns all channels. An event from a file
+        has a number.
+    layer
+        name of the group of events that this event belongs to.
+    """
+
+    time: Fraction
+    text: str = ""
+    duration: Fraction = Fraction(0)
+    channel: int | str | None = None
+    layer: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("time", "duration"):
+            seconds = exact(getattr(self, name))
+            if seconds < 0:
+                raise ParameterError(f"the {name} of an event must not be negative")
+            object.__setattr__(self, name, seconds)
+        if not (isinstance(self.text, str) and isinstance(self.layer, str)):
+            raise ParameterError("the text and the layer of an event must be strings")
+        if self.channel is not None and not isinstance(self.channel, (int, str)):
+            raise ParameterError("the channel of an event must be a number, a label or None")
+
+
+def in_order(events: Iterable[Event]) -> list[Event]:
+    """By time; those of one time as they come."""
+    return sorted(events, key=lambda event: event.time)
+
+
+def by_layer(events: Iterable[Event]) -> dict[str, list[Event]]:
+    """In order of time, the layers as they come first."""
+    found: dict[str, list[Event]] = {}
+    for event in events:
+        found.setdefault(event.layer, []).append(event)
+    return {layer: in_order(own) for layer, own in found.items()}
+
+
+def index_of_channel(event: Event, labels: Sequence[str]) -> int | None:
+    """The number of the channel that an event speaks of."""
+    if isinstance(event.channel, str):
+        if event.channel not in labels:
+            raise ParameterError(f"an event names channel {event.channel!r}, which does not exist")
+        return labels.index(event.channel)
+    if event.channel is not None and not 0 <= event.channel < len(labels):
+        raise ParameterError(f"an event names channel {event.channel} of {len(labels)}")
+    return event.channel
+
 
 Units = str | Sequence[str] | Mapping[str, str]
 
@@ -77,10 +133,11 @@ def recording_of(
     if rate is None:
         raise ParameterError("an array has no rate; give one, such as rate=1000")
     names = _for_each(labels, "labels", len(rows)) or [f"ch{i + 1}" for i in range(len(rows))]
+    codes = given_units(_units(units, names), stacklevel=3)
     return Recording(
         tuple(
-            channel_of(row, rate, label=name, unit=to_ucum(code))
-            for row, name, code in zip(rows, names, _units(units, names), strict=True)
+            channel_of(row, rate, label=name, unit=code)
+            for row, name, code in zip(rows, names, codes, strict=True)
         )
     )
 
@@ -106,11 +163,12 @@ def _recording_of_frame(
     )
     for note in notes:
         warnings.warn(note, MovedTimesWarning, stacklevel=4)
+    codes = given_units(codes, stacklevel=4)
     return Recording(
         tuple(
             channel_of(
                 _row(frame.iloc[:, place].to_numpy(), name), rate,
-                ticks=ticks, label=name, unit=to_ucum(code),
+                ticks=ticks, label=name, unit=code,
             )
             for place, (name, code) in enumerate(zip(names, codes, strict=True))
         ),
@@ -158,7 +216,7 @@ def rows_of(
 def upright(x: Any, labelled: int | None, transpose: bool | None, what: str, advice: str) -> Any:
     """[channels, samples], transposed where that was asked for.
 
-    Nobody records more channels than samples by intent, so that needs labels that agree, or
+    More channels than samples are a likely mistake. They need labels that agree, or
     ``transpose=False``.
     """
     if transpose is not None:
@@ -422,7 +480,7 @@ _OLD_NAMES = {
     "physical": ("samples", "channel.samples() or channel.to_numpy()"),
     "dense": ("filled", "channel.filled() or channel.to_numpy()"),
 }
-"""Of a channel: the attribute that does the same, and the advice."""
+"""Old attributes of a channel: the one that does the same, and the advice."""
 
 _SHOWN_CHANNELS = 6
 _SHOWN_ROWS = 100
@@ -458,10 +516,10 @@ class Deviation(NamedTuple):
 
 @dataclass(frozen=True)
 class Calibration:
-    """Physical value = (count * a + b) / d, exact as a Fraction; d >= 1, a != 0.
+    """Converts counts to physical values: (count * a + b) / d, with d >= 1 and a != 0.
 
-    As float64 it is one correctly rounded division, the same on every machine, since
-    ``|count * a + b|`` is at most 2**53, and d less.
+    ``exact()`` gives a Fraction. ``physical()`` gives float64, by one correctly rounded division.
+    The result is the same on every machine, since ``|count * a + b|`` and d are at most 2**53.
     """
 
     a: int = 1
@@ -481,26 +539,27 @@ class Calibration:
 
     @property
     def step(self) -> Fraction:
-        """Physical value of one count (the LSB); negative where the sensor is mounted so."""
+        """Physical value of one count (the LSB); negative if larger counts are smaller values."""
         return Fraction(self.a, self.d)
 
     @property
     def zero(self) -> int:
-        """The count nearest to the physical value 0: rdiv(-B, A), half up."""
+        """The count nearest to the physical value 0; a half is rounded up."""
         a, b = (self.a, -self.b) if self.a > 0 else (-self.a, self.b)
         return (2 * b + a) // (2 * a)
 
     def exact(self, count: int) -> Fraction:
+        """The physical value of a count, as a Fraction."""
         return Fraction(int(count) * self.a + self.b, self.d)
 
     def covers(self, low: int, high: int) -> bool:
-        """Whether every count in [low, high] keeps ``|count * a|`` and ``|count * a + b|`` within
-        2**53 (SPEC VAL-001)."""
+        """True if ``|count * a|`` and ``|count * a + b|`` are at most 2**53 for every count in
+        [low, high] (SPEC VAL-001)."""
         ends = (low * self.a, high * self.a)
         return max(max(abs(end), abs(end + self.b)) for end in ends) <= EXACT_LIMIT
 
     def physical(self, counts: NDArray[Any]) -> NDArray[np.float64]:
-        """Counts (any shape, integers) to physical values (float64, same shape)."""
+        """Convert counts (integers, any shape) to physical values (float64, same shape)."""
         if counts.size and not self.covers(int(counts.min()), int(counts.max())):
             raise ParameterError("a count leaves the exact range of its calibration")
         numerator = counts.astype(np.int64) * self.a + self.b
@@ -511,26 +570,26 @@ class Calibration:
 class Channel:
     """One physical signal on a regular grid of ticks; tick 0 is the zero of the recording.
 
-    ``Channel(x, 1000, label="fx", unit="N")`` is all that most channels need;
-    :meth:`from_physical` turns NaN into gaps; here a NaN is a sample, kept bit for bit.
+    ``Channel(x, 1000, label="fx", unit="N")`` is enough for most channels. Here a NaN is a
+    sample that is kept bit for bit; :meth:`from_physical` turns NaN into gaps.
 
     stored
-        [sample_count], the samples that were measured, in order of time, gaps left out. Signed
-        integers where ``calibration`` is given (see ``counts``); otherwise numbers in ``unit``,
-        float64 as a rule (float16, float32, int64 and uint64 too).
+        [sample_count], the measured samples in order of time, without gaps. Signed integers if
+        ``calibration`` is given (see ``counts``). Otherwise numbers in ``unit``: float64, float32,
+        float16, int64 or uint64.
     rate
         samples per second, above 0: an int, a float, a Fraction or a text such as "44100/7".
         ``channel.rate`` is a float, ``channel.rate_exact`` the Fraction.
     coverage
-        the spans of ticks that ``stored`` fills, in order: sorted, disjoint, none empty, never
-        adjacent. Together they hold sample_count ticks. By default one span from tick 0.
+        the spans of ticks that ``stored`` fills: sorted, disjoint, not empty, not adjacent.
+        Together they have sample_count ticks. By default one span from tick 0.
     calibration
         converts counts to ``unit``; None for floating point.
     unit
         UCUM code ("N", "m/s2", "rad", "{count}", "1").
     exact
-        float64 [sample_count] or None: the doubles that were recorded, bit for bit, where counts
-        alone do not give them back.
+        float64 [sample_count] or None: the recorded doubles, bit for bit, where the counts alone
+        do not give them.
     """
 
     stored: NDArray[Any]
@@ -620,7 +679,12 @@ class Channel:
     def from_physical(
         cls, x: NDArray[Any], rate: Rate, *, start_tick: int = 0, **described: Any
     ) -> Channel:
-        """A floating-point channel from values [ticks]; every NaN becomes a gap."""
+        """A floating-point channel from values [ticks]; every NaN becomes a gap.
+
+        ``unit`` is any spelling, as in :func:`hapfmt.write`; the channel has its UCUM code.
+        """
+        if isinstance(described.get("unit"), str):
+            described["unit"] = given_units([described["unit"]])[0]
         x = np.ascontiguousarray(x, dtype=np.float64)
         known = ~np.isnan(x)
         return cls(
@@ -671,7 +735,7 @@ class Channel:
         return self.stop_tick / self.rate_exact
 
     def samples(self) -> NDArray[np.float64]:
-        """float64 [sample_count]: the samples that were measured, in ``unit``, gaps left out."""
+        """float64 [sample_count]: the measured samples in ``unit``, without gaps."""
         if self.exact is not None:
             return self.exact.copy()
         if self.calibration is not None:
@@ -690,8 +754,7 @@ class Channel:
             return getattr(self, same)
 
     def ticks_between(self, start: Seconds | None, stop: Seconds | None) -> tuple[int, int]:
-        """The ticks of the seconds [start, stop), no further than from the first sample to the
-        last."""
+        """Ticks of the seconds [start, stop), within those from the first sample to the last."""
         first, last = tick_range(self.rate_exact, start, stop)
         first = max(first, self.start_tick)
         return first, max(min(last, self.stop_tick), first)
@@ -707,8 +770,7 @@ class Channel:
 
         ``start`` and ``stop`` are seconds: the result covers start <= time < stop, with NaN where
         the channel has no samples. It has the length of :meth:`times` with the same arguments.
-        Raises LimitError where it has more than ``limit`` values; ``samples()`` leaves the gaps
-        out.
+        Raises LimitError above ``limit`` values; :meth:`samples` leaves the gaps out.
         """
         first, last = self._window(start, stop)
         return self.filled(first, last, limit=limit)
@@ -758,7 +820,7 @@ class Channel:
         )
 
     def segments(self) -> Iterator[tuple[int, NDArray[Any]]]:
-        """Each covered span as (start tick, its stored samples)."""
+        """Each covered span, in order: its first tick and its stored samples."""
         position = 0
         for span in self.coverage:
             yield span.start, self.stored[position : position + span.ticks]
@@ -767,7 +829,10 @@ class Channel:
     def filled(
         self, start: int | None = None, stop: int | None = None, *, limit: int = 1 << 31
     ) -> NDArray[np.float64]:
-        """[stop - start] physical values, NaN in the gaps; by default from tick 0 to the end."""
+        """float64 [stop - start]: values of the ticks in ``unit``, NaN in gaps.
+
+        By default from tick 0 to the last sample. Raises LimitError above ``limit`` values.
+        """
         first = 0 if start is None else start
         last = self.stop_tick if stop is None else stop
         _check_ticks(last - first, limit)
@@ -806,12 +871,19 @@ class Channel:
 class Recording:
     """Channels that share one zero of time.
 
-    ``rec["fx"]`` and ``rec[0]`` are channels, ``list(rec)`` is all of them, ``len(rec)`` their
-    number, ``"fx" in rec`` whether there is one of that label.
+    ``rec["fx"]`` and ``rec[0]`` are channels, ``list(rec)`` has all of them, ``len(rec)`` is
+    their number. ``"fx" in rec`` is True if a channel has that label.
 
-    epoch_ns is the UTC time of tick 0 in nanoseconds since 1970-01-01 (None: not known),
-    metadata any JSON object, attachments {name: (media type, bytes)}, events markers and
-    annotations.
+    epoch_ns
+        UTC time of tick 0 in nanoseconds since 1970-01-01; None: unknown.
+    epoch_uncertainty_ns
+        uncertainty of ``epoch_ns`` in nanoseconds; 0: unknown.
+    metadata
+        any JSON object.
+    attachments
+        {name: (media type, bytes)}.
+    events
+        markers and annotations.
     """
 
     channels: tuple[Channel, ...] = ()
@@ -932,11 +1004,11 @@ class Recording:
         start: Seconds | None = None,
         stop: Seconds | None = None,
     ) -> Recording:
-        """Some channels (labels or numbers, in that order; None: all) and the seconds
-        start <= time < stop. A label may be a pattern such as "pos_*". Samples keep their times.
-        Events of other channels are left out, and events that are over or begin later.
+        """A part of the recording: some channels, and the seconds start <= time < stop.
 
-        Raises UnknownChannelError; ParameterError where stop is not after start.
+        ``labels``: labels or numbers in the wanted order, or patterns such as "pos_*"; None: all.
+        Samples keep their times. Events of other channels, and events outside these seconds, are
+        left out. Raises UnknownChannelError, and ParameterError if stop is not after start.
         """
         if start is not None and stop is not None and to_fraction(stop) <= to_fraction(start):
             raise ParameterError(f"No samples in this time range: {start} to {stop} s")
@@ -992,11 +1064,11 @@ class Recording:
         *,
         limit: int = GAPPY_TICKS,
     ) -> NDArray[np.float64]:
-        """float64 [channels, ticks]: values in each channel's unit, NaN where nothing was measured.
+        """float64 [channels, ticks]: values in each channel's unit, NaN in gaps.
 
-        All channels cover the ticks from the first sample of any to the last of any, or the
-        seconds start <= time < stop of them; :meth:`times` gives their seconds. Raises
-        ParameterError where channels differ in rate, LimitError above ``limit`` values.
+        All channels cover the same ticks: from the first sample of any channel to the last, or the
+        seconds start <= time < stop. :meth:`times` gives their seconds. Raises ParameterError if
+        the channels differ in rate, LimitError above ``limit`` values.
         """
         first, last = self._common_ticks(start, stop)
         _check_ticks((last - first) * len(self), limit)

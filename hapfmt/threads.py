@@ -30,7 +30,7 @@ AHEAD = 2
 
 
 class Stopped(BaseException):
-    """In a thread whose work nobody waits for any more."""
+    """Raised in a thread whose result is no longer wanted."""
 
 
 class Failure(NamedTuple):

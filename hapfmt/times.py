@@ -393,8 +393,8 @@ def _at(ticks: NDArray[np.float64], rate: Fraction) -> NDArray[np.float64]:
 def _roundest(span: Fraction, slack: Fraction, ticks: int) -> Fraction:
     """The simplest rate that fits ``ticks`` ticks into span +- slack seconds.
 
-    Of the fractions with the smallest denominator, those with most zeros at the end of their
-    numerator; of these, the one nearest to the middle.
+    Among the fractions with the smallest denominator it prefers those with most zeros at the
+    end of their numerator, then the one nearest to the middle.
     """
     low = ticks / (span + slack)
     high = ticks / (span - slack) if slack < span else 2 * ticks / span

@@ -8,9 +8,11 @@ the acceleration is asked for as ``[g]`` (spelled gn, g0, g-force or [g]).
 from __future__ import annotations
 
 import re
+import warnings
+from collections.abc import Iterable
 from fractions import Fraction
 
-from .errors import ParameterError
+from .errors import DataWarning, ParameterError, similar
 
 MAX_SIZE = 255
 """Bytes of the longest code: a unit is stored behind one length byte."""
@@ -99,6 +101,11 @@ _WORDS = {word: code for code, words in _SPELLINGS.items() for word in words.spl
 _WHOLE = {**_WORDS, "": "1", "n/a": "1", "rpm": "{rev}/min"}
 """Spellings of a whole text only: a code with a slash cannot follow another slash."""
 
+_TYPO_CUTOFF = 0.75
+"""Similarity of a mistyped spelling to the one that is meant."""
+_TYPO_SIZE = 4
+"""Letters of the shortest spelling that is looked for: of fewer, too many are alike."""
+
 _ASCII = str.maketrans(
     {
         **dict(zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+", strict=True)),
@@ -128,9 +135,36 @@ def to_ucum(text: str) -> str:
     return respelled if _is_code(respelled) else _annotation(text)
 
 
+def given_units(texts: Iterable[str], *, stacklevel: int = 2) -> list[str]:
+    """The UCUM codes of units that a person gives, with a DataWarning for each unknown one."""
+    texts = list(texts)
+    for note in filter(None, map(unknown_unit, dict.fromkeys(texts))):
+        warnings.warn(note, DataWarning, stacklevel=stacklevel + 1)
+    return [to_ucum(text) for text in texts]
+
+
+def unknown_unit(text: str, *, typos_only: bool = False, kept: str | None = None) -> str | None:
+    """The note on a unit that is neither a known spelling nor in braces; None for any other.
+
+    ``typos_only``: only where it resembles a known one. ``kept``: what is stored for it.
+    """
+    code = to_ucum(text)
+    known = not code.startswith("{") or code in _SPELLINGS
+    if known or "{" in text or "}" in text or not text.isascii():
+        return None
+    word = similar(text, [word for word in _WORDS if len(word) >= _TYPO_SIZE], _TYPO_CUTOFF)
+    if typos_only and word is None:
+        return None
+    meant = f"; did you mean {_WORDS[word]!r} ({word})?" if word else "."
+    return (
+        f"unit {text!r} is not known{meant} It is stored as the free text {kept or code}, and "
+        "preset perceptual does not know whether it is felt"
+    )
+
+
 def units_for(text: str, count: int) -> list[str]:
     """Codes of a text that a person gives: one unit for all channels, or one for each."""
-    codes = [to_ucum(each) for each in text.split(",")]
+    codes = given_units(text.split(","))
     if len(codes) == 1:
         return codes * count
     if len(codes) != count:

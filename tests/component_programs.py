@@ -31,9 +31,8 @@ from hapfmt.codecs.quantised import (
 )
 from hapfmt.codecs.raw import RawParameters, decode_raw
 from hapfmt.errors import FormatError
-from hapfmt.format.tlv import parse_strings
 from hapfmt.format.track import Affine
-from hapfmt.format.wire import crc32, seed_of
+from hapfmt.format.wire import crc32, parse_strings, seed_of
 from hapfmt.limits import LEVELS
 from hapfmt.numbers import build_svarint, build_varint, clamp, parse_svarint, parse_varint, rdiv
 

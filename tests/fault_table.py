@@ -25,13 +25,19 @@ from hapfmt.codecs.predicted import decode_indices, decode_predicted
 from hapfmt.codecs.quantised import QuanParameters, decode_quantised, parse_codebook
 from hapfmt.codecs.raw import RawParameters, decode_raw
 from hapfmt.format.cluster import parse_cluster
-from hapfmt.format.description import parse_description
-from hapfmt.format.extras import parse_attachment, parse_clock, parse_map, parse_metadata
-from hapfmt.format.index import IndexEntry, check_listing, parse_foot, parse_index
+from hapfmt.format.extras import (
+    IndexEntry,
+    check_listing,
+    parse_attachment,
+    parse_clock,
+    parse_foot,
+    parse_index,
+    parse_map,
+    parse_metadata,
+)
 from hapfmt.format.source import BytesSource
-from hapfmt.format.tlv import parse_strings, parse_tlvs
-from hapfmt.format.track import Affine, TrackTable
-from hapfmt.format.wire import cluster_seed, parse_head, parse_header
+from hapfmt.format.track import Affine, TrackTable, parse_description
+from hapfmt.format.wire import cluster_seed, parse_head, parse_header, parse_strings, parse_tlvs
 from hapfmt.limits import LEVELS, Limits
 from hapfmt.numbers import parse_varint
 from hapfmt.reading.catalogue import ChunkRef

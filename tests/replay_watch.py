@@ -8,8 +8,7 @@ from math import ceil, cos, floor, inf, isfinite, nan, pi
 import numpy as np
 from hypothesis import strategies as st
 
-from hapfmt.replay.frames import Frame, FrameBlock
-from hapfmt.replay.profile.model import Actuator, Profile, Timing
+from hapfmt.replay.profile.model import Actuator, Frame, FrameBlock, Profile, Timing
 from hapfmt.replay.schedule import Schedule
 
 

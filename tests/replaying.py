@@ -17,9 +17,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from hapfmt.errors import FormatError
-from hapfmt.replay.frames import FrameBlock
 from hapfmt.replay.process.player import play
-from hapfmt.replay.profile.model import Profile
+from hapfmt.replay.profile.model import FrameBlock, Profile
 from hapfmt.replay.profile.parse import load_profile, parse_profile
 from hapfmt.replay.render.renderer import Position
 
@@ -27,7 +26,7 @@ RATE = 1000
 CHANGE = 500
 """Counts from one frame to the next, at most: 500 N/s in steps of 1 mN."""
 NEUTRAL_COUNT = 5
-PATIENT_S = 30.0
+PATIENT_S = 60.0
 """For what takes a second on a machine that does nothing else."""
 
 

@@ -24,14 +24,13 @@ from hapfmt.codecs.predicted import (
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, code_lengths, encode_quantised
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
 from hapfmt.encoder.settings import Settings, Tolerance
-from hapfmt.events import Event
 from hapfmt.format.cluster import Packet
 from hapfmt.format.extras import ClockMap, ClockObservation
 from hapfmt.format.track import WORD_SIZES, Affine, Component, Contract, Track
 from hapfmt.format.wire import ChunkHeader, Head
 from hapfmt.limits import LEVELS
 from hapfmt.numbers import build_varint
-from hapfmt.recording import Calibration, Channel, Deviation, Recording, Span
+from hapfmt.recording import Calibration, Channel, Deviation, Event, Recording, Span
 
 u16s = st.sampled_from([0, 1, 255, 256, 65535]) | st.integers(0, 65535)
 u32s = st.sampled_from([0, 1, 2**31, 2**32 - 1]) | st.integers(0, 2**32 - 1)

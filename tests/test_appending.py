@@ -317,7 +317,7 @@ class TestCutFiles:
     WRT-007: Before it appends, a writer MUST cut off what follows the last whole chunk. It writes the packets of a cut `DATA` chunk whose CRC matches in a new `DATA` chunk, and reports the losses.
     """
 
-    @either("every", 11, deep=1)
+    @either("every", 11, deep=3, nightly=1)
     def test_at_every_byte(self, tmp_path: Path, every: int):
         path = tmp_path / "a"
         ends = {chunk.stop for chunk in chunks(WHOLE)}

@@ -19,7 +19,7 @@ MODULES = {
 }
 LAYERS = (
     "kernels",
-    """deadband descriptions errors events files limits numbers recording threads times units
+    """deadband descriptions errors files limits numbers recording threads times units
     version""",
     "format",
     "codecs",
@@ -110,16 +110,15 @@ def imports(name: str) -> set[str]:
     return found
 
 
-GRAPH = {
-    name: {
+@cache
+def imported(name: str) -> set[str]:
+    """Modules of the package; imports within functions and for types count too."""
+    return {
         inner
         for found in imports(name)
         if (inner := found.removeprefix("hapfmt.").removesuffix(".__init__")) != found
         and (inner in MODULES or f"{inner}.__init__" in MODULES)
     }
-    for name in MODULES
-}
-"""Module -> modules; imports within functions and for types count too."""
 
 
 def test_every_part_has_a_layer():
@@ -130,7 +129,7 @@ def test_every_part_has_a_layer():
 def test_imports_point_down(part):
     """The package itself, hapfmt/__init__.py, is what users import: it names all layers."""
     for name in MODULES:
-        for other in GRAPH[name] if name.split(".")[0] == part else ():
+        for other in imported(name) if name.split(".")[0] == part else ():
             below = other.split(".")[0]
             beside = below != part and HEIGHT[below] == HEIGHT[part] != BASE
             assert HEIGHT[below] <= HEIGHT[part] and not beside, f"{name} imports {other}"
@@ -140,7 +139,7 @@ def test_no_module_imports_itself_through_others():
     def key(name: str) -> str:
         return name if name in MODULES else f"{name}.__init__"
 
-    graph = {name: {key(x) for x in GRAPH[name]} - {name} for name in MODULES}
+    graph = {name: {key(x) for x in imported(name)} - {name} for name in MODULES}
     assert "format.layout" in TopologicalSorter(graph).static_order()
 
 

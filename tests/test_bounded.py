@@ -16,13 +16,12 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.deadband import Deadband
-from hapfmt.encoder.bounded import scalar_ways
+from hapfmt.encoder.bounded import scalar_ways, vector_ways
 from hapfmt.encoder.encode import choose_level, encode
 from hapfmt.encoder.gridded import nearest_level
 from hapfmt.encoder.plan import Promise
 from hapfmt.encoder.settings import Tolerance, amount
 from hapfmt.encoder.source import InputBlock, cut, make_track
-from hapfmt.encoder.tubed import vector_ways
 from hapfmt.encoder.unit import at_most, bound_of, decode_all
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDecoder

@@ -17,11 +17,11 @@ import hapfmt
 from hapfmt.cli import cli, plot
 from hapfmt.cli.common import open_parts
 from hapfmt.errors import MissingExtraError, ParameterError
+from hapfmt.lab.compare import compare, pair_up
 from hapfmt.lab.plotting import figures as drawing
 from hapfmt.lab.plotting import pages as layout
 from hapfmt.lab.plotting import panels
 from hapfmt.lab.plotting.pages import grid_shape, placed
-from hapfmt.lab.survey.compare import compare, pair_up
 from hapfmt.limits import Limits
 from hapfmt.recording import Calibration, Channel, Recording
 

@@ -48,8 +48,7 @@ from hapfmt.format.cluster import (
     salvage_cluster,
 )
 from hapfmt.format.extras import ClockMap, parse_clock, parse_map
-from hapfmt.format.lists import round_up
-from hapfmt.format.track import Track
+from hapfmt.format.track import Track, round_up
 from hapfmt.format.wire import cluster_seed
 from hapfmt.limits import LEVELS
 from hapfmt.reading.decoder import TrackDigest

@@ -31,8 +31,18 @@ from hapfmt.format.extras import (
 )
 from hapfmt.format.layout import TABLES
 from hapfmt.format.source import BytesSource, StreamSource, open_source
-from hapfmt.format.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
-from hapfmt.format.wire import SIGNATURE, build_chunk, crc32, parse_head, parse_header, seed_of
+from hapfmt.format.wire import (
+    SIGNATURE,
+    build_chunk,
+    build_strings,
+    build_tlvs,
+    crc32,
+    parse_head,
+    parse_header,
+    parse_strings,
+    parse_tlvs,
+    seed_of,
+)
 from hapfmt.reading.reader import Reader
 from hapfmt.reading.verifier import verify
 

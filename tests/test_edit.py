@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 
 import hapfmt
 from hapfmt import edit
-from hapfmt.edit.original import common_period
+from hapfmt.edit.making import common_period
 
 names = st.sampled_from(sorted(PRESETS))
 times = st.fractions(0, 4, max_denominator=50)

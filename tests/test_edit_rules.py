@@ -36,8 +36,7 @@ from test_edit import merge, split_up, subset
 import hapfmt
 from hapfmt import edit
 from hapfmt.edit.joining import nearest
-from hapfmt.edit.making import combined
-from hapfmt.edit.original import Original, common_period
+from hapfmt.edit.making import Original, combined, common_period
 from hapfmt.format.source import BytesSource
 from hapfmt.reading.catalogue import Catalogue
 from hapfmt.reading.opening import open_catalogue

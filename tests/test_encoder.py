@@ -20,8 +20,7 @@ from hapfmt.encoder.encode import encode
 from hapfmt.encoder.settings import Tolerance
 from hapfmt.encoder.source import cut, declared_range, held_range, share_lattice
 from hapfmt.encoder.unit import choose_codebook
-from hapfmt.format.description import build_track, chunks_of
-from hapfmt.format.lists import round_up
+from hapfmt.format.track import build_track, chunks_of, round_up
 from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.limits import LEVELS
 from hapfmt.recording import Span

@@ -20,14 +20,13 @@ import hapfmt
 from hapfmt.cli import cli
 from hapfmt.codecs.events import coded, event_packets, layer_track, rate_of
 from hapfmt.errors import LimitError, ParameterError, UnsupportedError
-from hapfmt.events import Event, in_order
 from hapfmt.format.cluster import Packet
 from hapfmt.format.source import BytesSource
 from hapfmt.limits import Limits
 from hapfmt.reading.dump import dump, measure
 from hapfmt.reading.reader import Reader
 from hapfmt.reading.verifier import verify
-from hapfmt.recording import Calibration, Channel, Recording, Span
+from hapfmt.recording import Calibration, Channel, Event, Recording, Span, in_order
 from hapfmt.writing.filewriter import FileWriter
 
 HEAD = ("HEAD", f.head())

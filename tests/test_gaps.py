@@ -16,12 +16,12 @@ from rendering import joined, profile_of
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings, Span
 from hapfmt.errors import ParameterError
+from hapfmt.lab.compare import compare, pair_up
 from hapfmt.lab.metrics import band_energy_error_db, snr_hf_db, st_sim
+from hapfmt.lab.parts import RecordingParts
 from hapfmt.lab.study.outputs import RATE_HZ, Scaling, signal
 from hapfmt.lab.study.prepare import low_passed
-from hapfmt.lab.survey.compare import compare, pair_up
-from hapfmt.lab.survey.parts import RecordingParts
-from hapfmt.lab.survey.views import Builder, survey
+from hapfmt.lab.views import Builder, survey
 from hapfmt.reading.reader import Reader
 from hapfmt.replay.render import Assignment, Renderer, Route
 from hapfmt.replay.render.feed import ChannelResampler

@@ -13,11 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
+from stalls import slowness
 
 from hapfmt.errors import FormatError
 from hapfmt.format.cluster import Packet
-from hapfmt.format.extras import Attachment
-from hapfmt.format.index import (
+from hapfmt.format.extras import (
+    Attachment,
     Foot,
     Index,
     IndexEntry,
@@ -420,7 +421,7 @@ class TestNotClosed:
         from hapfmt.reading.opening import last_index
 
         assert last_index(BytesSource(data), f.FILE_ID) is None
-        assert time.process_time() - began < 1
+        assert time.process_time() - began < slowness()
 
     def test_a_false_end(self):
         """Of the last cluster an index lists: the end is read from its packets."""

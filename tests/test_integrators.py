@@ -11,9 +11,17 @@ from hypothesis import strategies as st
 
 from hapfmt.errors import ParameterError
 from hapfmt.lab.scenes import stylus
-from hapfmt.lab.scenes.contact import Drive, System, contact_force, energy, work
+from hapfmt.lab.scenes.contact import (
+    INTEGRATORS,
+    Drive,
+    System,
+    contact_force,
+    default_step_s,
+    energy,
+    integrate,
+    work,
+)
 from hapfmt.lab.scenes.description import Stroke
-from hapfmt.lab.scenes.integrators import INTEGRATORS, default_step_s, integrate
 from hapfmt.lab.scenes.motion import StepGrid, StrokeMotion
 
 STYLUS = System(0.060, 250.0, 3.0, 1e5)

@@ -10,11 +10,10 @@ from test_tube import random_tube, tubes
 from twins import built
 
 from hapfmt.codecs.grids import LpcParameters
+from hapfmt.encoder import tube
 from hapfmt.encoder import tube as module
-from hapfmt.encoder import vectors
 from hapfmt.encoder.gridded import levels_of
-from hapfmt.encoder.tube import COUNT_BOUND, fewest_hold, fewest_linear
-from hapfmt.encoder.vectors import joined_places
+from hapfmt.encoder.tube import COUNT_BOUND, fewest_hold, fewest_linear, joined_places
 from hapfmt.errors import ParameterError
 from hapfmt.kernels import compiled
 
@@ -221,7 +220,7 @@ class TestGrids:
 def joined_alike(axes, grids):
     with pytest.MonkeyPatch.context() as patch:
         fast = found(joined_places, axes, grids)
-        patch.setattr(vectors, "compiled", None)
+        patch.setattr(tube, "compiled", None)
         slow = found(joined_places, axes, grids)
     return compared(fast, slow)
 

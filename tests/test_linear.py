@@ -23,7 +23,7 @@ from hapfmt.codecs.exact import (
     parse_parameters,
 )
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.linear import (
+from hapfmt.encoder.exact import (
     FORMS,
     LOOKED_AT,
     NEAR,

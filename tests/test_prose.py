@@ -1,9 +1,11 @@
-"""Words that users read: README.md, docs/*.md, and every help text."""
+"""Words of README.md, docs/*.md, help texts, messages, docstrings and comments."""
 
 from __future__ import annotations
 
 import ast
+import io
 import re
+import tokenize
 from collections.abc import Iterator
 from inspect import cleandoc
 from pathlib import Path
@@ -39,6 +41,19 @@ BANNED = [
     r"felt how",
 ]
 PATTERN = re.compile(rf"\b(?:{'|'.join(BANNED)})\b", re.I)
+IN_CODE = [
+    r"nobody",
+    r"hardly",
+    r"in vain",
+    r"now and then",
+    r"whatever happens",
+    r"makes? of (it|them)",
+    r"(?-i:Of)(?! course)",
+]
+"""Also left out of docstrings and comments. A sentence does not begin with ``Of``."""
+REMARK = re.compile(rf"\b(?:{'|'.join(BANNED + IN_CODE)})\b", re.I)
+CODED = [*sorted(ROOT.glob("hapfmt/**/*")), *sorted(ROOT.glob("tools/**/*"))]
+CODED += sorted(ROOT.glob("conformance/adapters/**/*"))
 LONGEST = 25  # words in a sentence
 
 
@@ -133,4 +148,59 @@ def test_messages() -> None:
         for line, text in messages(path)
         if PATTERN.search(text)
     ]
+    assert found == []
+
+
+def docstrings(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Also those below a constant or a field."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            text = node.value.value
+            if isinstance(text, str):
+                yield node.lineno, text
+
+
+def blocks(comments: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
+    """Comments on successive lines are one text."""
+    first, last, text = 0, 0, ""
+    for line, comment in comments:
+        if text and line == last + 1:
+            last, text = line, f"{text}\n{comment}"
+        else:
+            if text:
+                yield first, text
+            first, last, text = line, line, comment
+    if text:
+        yield first, text
+
+
+def comments_of(source: str) -> Iterator[tuple[int, str]]:
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.start[0], token.string.lstrip("#: ")
+
+
+def c_comments(source: str) -> Iterator[tuple[int, str]]:
+    for found in re.finditer(r"/\*[\s\S]*?\*/|//.*", source):
+        line = source.count("\n", 0, found.start()) + 1
+        yield line, re.sub(r"^ *(//+|/?\*+/?)|\*/", "", found[0], flags=re.M)
+
+
+def remarks(path: Path) -> Iterator[tuple[int, str]]:
+    source = path.read_text("utf-8")
+    if path.suffix == ".py":
+        yield from docstrings(ast.parse(source))
+        yield from blocks(comments_of(source))
+    else:
+        yield from blocks(c_comments(source))
+
+
+def test_docstrings_and_comments() -> None:
+    found = []
+    for path in CODED:
+        if path.suffix in (".py", ".c", ".h", ".js"):
+            for line, text in remarks(path):
+                words = re.sub(r"`[^`]*`|\b\w+\.(py|c|h)\b", "CODE", " ".join(text.split()))
+                if match := REMARK.search(words):
+                    found.append(f"{path.relative_to(ROOT)}:{line}: {match[0]!r}: {words}")
     assert found == []

@@ -122,7 +122,7 @@ def test_packets_are_copied_and_no_others():
     good, done = recovered(bad)
     assert packets(good) == [row for row in rows if row[1] != 8]
     assert (done.packets, done.samples, done.exit_code) == (4, 16, 3)
-    assert [tuple(span)[:3] for span in done.lost] == [(0, 8, 12)]
+    assert done.lost == [(("channel 0",), 0.008, 0.012)]
     assert {tick for _, tick in samples(good)} == set(range(20)) - {8, 9, 10, 11}
 
 
@@ -134,7 +134,7 @@ def test_a_packet_that_does_not_decode_is_left_out():
     data = f.closed(("HEAD", f.head()), f.TRACK_0, f.DATA_0, late, duration_ns=8_000_000)
     assert verify(data).verdict == "nonconforming"
     good, done = recovered(data)
-    assert (done.exit_code, [tuple(span)[:3] for span in done.lost]) == (3, [(0, 4, 8)])
+    assert (done.exit_code, done.lost) == (3, [(("channel 0",), 0.004, 0.008)])
     assert verify(good).verdict == "intact"
     assert samples(good) == samples(f.minimal())
 
@@ -223,9 +223,9 @@ def test_digests():
     data = out.getvalue()
     (_, before), *_ = [chunk for chunk in chunks(data) if chunk[0] == "dGST"]
     good, done = recovered(flipped(data, payload_of(data, "dGST") - f.HEADER - 1))
-    lost = {span.track for span in done.lost}
+    lost = {part.labels for part in done.lost}
     kept = [chunk for chunk in chunks(good) if chunk[0] == "dGST"]
-    assert (lost, done.digests) == ({1}, 1)
+    assert (lost, done.digests) == ({("b",)}, 1)
     assert kept == [("dGST", before[:32])]
     assert verify(good).verdict == "intact"
 
@@ -341,14 +341,14 @@ def test_the_note_names_channels_and_seconds():
     good, done = recovered(few)
     (note,) = hapfmt.Reader(good).metadata["notes"]
     assert note == "; ".join(
-        [f"recovered from a damaged file: {done.packets} packets kept", *done.told]
+        [f"recovered from a damaged file: {done.packets} packets kept", *done.summary]
     )
     assert "from 1 s to 2 s" in note
     for at in refs[1::2]:
         data = flipped(data, at + 4000)
     good, done = recovered(data)
     (note,) = hapfmt.Reader(good).metadata["notes"]
-    assert len(done.told) > 8 and note.endswith(f"; and {len(done.told) - 6} more")
+    assert len(done.summary) > 8 and note.endswith(f"; and {len(done.summary) - 6} more")
     assert hapfmt.verify(good).verdict == "intact"
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapfmt.replay.process.report import CLASSES, LIMIT, OCTAVE, Lateness, class_of, largest_of
+from hapfmt.replay.process.loop import CLASSES, LIMIT, OCTAVE, Lateness, class_of, largest_of
 
 times = (
     st.integers(0, 300)

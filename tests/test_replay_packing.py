@@ -8,10 +8,19 @@ from functools import lru_cache
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from stalls import slowness
 
 from hapfmt.errors import ParameterError
-from hapfmt.replay.frames import Frame
-from hapfmt.replay.profile.model import Const, Crc32, Mapped, One, Profile, ReportLayout, Samples
+from hapfmt.replay.profile.model import (
+    Const,
+    Crc32,
+    Frame,
+    Mapped,
+    One,
+    Profile,
+    ReportLayout,
+    Samples,
+)
 from hapfmt.replay.profile.packing import AMPLITUDE_CEILING, MAPS, Packer, rumble_amplitude
 from hapfmt.replay.profile.parse import builtin_names, load_profile, parse_profile
 
@@ -328,7 +337,7 @@ def test_a_frame_of_22_actuators_is_packed_in_far_less_than_100_us():
     one = profile("glove22")
     packer, given_frame = Packer(one), frame(tuple(range(22)))
     best = min(spent(packer, given_frame) for _ in range(5))
-    assert best / 200 < 100e-6
+    assert best / 200 < 100e-6 * slowness()
 
 
 def spent(packer: Packer, given_frame: Frame) -> float:

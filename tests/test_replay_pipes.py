@@ -21,11 +21,9 @@ from hypothesis.extra.numpy import arrays
 from replaying import PATIENT_S, lines, until
 
 from hapfmt.errors import DeviceError, ParameterError
-from hapfmt.replay.frames import Frame, FrameBlock
 from hapfmt.replay.process import children
-from hapfmt.replay.process.blocks import Sent, pack_block, pack_log, parse_block, parse_log, parts
 from hapfmt.replay.process.children import COLUMNS, LINES, Errors, descriptor, start
-from hapfmt.replay.process.keys import BYTES, TerminalKeys, split
+from hapfmt.replay.process.loop import ReplayReport
 from hapfmt.replay.process.pipes import (
     HEADER,
     SIZE_LIMIT,
@@ -35,18 +33,24 @@ from hapfmt.replay.process.pipes import (
     Message,
     MessageError,
     Outlet,
+    Sent,
     ThreadedInlet,
     ThreadedOutlet,
     inlet,
     outlet,
     pack,
+    pack_block,
     pack_json,
+    pack_log,
+    parse_block,
+    parse_log,
+    parts,
     reports_json,
     reports_of,
 )
-from hapfmt.replay.process.report import ReplayReport
+from hapfmt.replay.process.player import BYTES, TerminalKeys, split
 from hapfmt.replay.process.watchdog import first_message
-from hapfmt.replay.profile.model import HidReport
+from hapfmt.replay.profile.model import Frame, FrameBlock, HidReport
 from hapfmt.replay.sinks import open_sink
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX only")
@@ -343,6 +347,7 @@ class TestWatchdog:
         assert all(line.neutral for line in lines(dog.file))
         assert dog.errors.watchdog.startswith("tripped: the writer has died; the device took")
 
+    @pytest.mark.realtime
     def test_the_writer_is_silent(self, tmp_path):
         with Dog(tmp_path / "device", heartbeat_s=0.05) as dog:
             dog.ready()

@@ -17,8 +17,7 @@ from jsonschema import Draft202012Validator
 from spec import ROOT
 
 from hapfmt.errors import ParameterError
-from hapfmt.replay.frames import Frame
-from hapfmt.replay.profile.model import Actuator, CountLimits, Match, Profile, Timing
+from hapfmt.replay.profile.model import Actuator, CountLimits, Frame, Match, Profile, Timing
 from hapfmt.replay.profile.packing import Packer
 from hapfmt.replay.profile.parse import (
     builtin_names,

@@ -21,7 +21,7 @@ from hypothesis.stateful import (
 from replay_watch import SCENES, Watch, profiles, rows
 
 from hapfmt.replay import schedule
-from hapfmt.replay.frames import FrameBlock
+from hapfmt.replay.profile.model import FrameBlock
 from hapfmt.replay.schedule import ActuatorPath, Envelope, Limiter, Schedule
 
 HOUR_NS = 3600 * 10**9

@@ -13,8 +13,7 @@ import pytest
 import hapfmt
 from hapfmt import Span
 from hapfmt.errors import ParameterError
-from hapfmt.replay.frames import Frame
-from hapfmt.replay.profile.model import Actuator, HidReport, Profile, Timing
+from hapfmt.replay.profile.model import Actuator, Frame, HidReport, Profile, Timing
 from hapfmt.replay.sinks.dry import DryRunSink
 from hapfmt.replay.sinks.record import RecordSink
 

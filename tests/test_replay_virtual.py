@@ -12,9 +12,8 @@ import pytest
 from replay_watch import make_actuator, make_block, make_profile
 
 from hapfmt.errors import DeviceError, FormatError
-from hapfmt.replay.frames import Frame
 from hapfmt.replay.process.loop import rehearse
-from hapfmt.replay.profile.model import HidReport, Integer, One, ReportLayout
+from hapfmt.replay.profile.model import Frame, HidReport, Integer, One, ReportLayout
 
 MS = 10**6
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from spec import ROOT
 
-from hapfmt.lab.scenes.integrators import INTEGRATORS
+from hapfmt.lab.scenes.contact import INTEGRATORS
 
 sys.path.insert(0, str(ROOT / "tools"))
 

@@ -30,7 +30,7 @@ from hapfmt.lab.scenes.description import (
     Tool,
     Touches,
 )
-from hapfmt.lab.scenes.matrix import exponential
+from hapfmt.lab.scenes.linear import exponential
 
 BUILT_IN = builtin_names()
 JOINTS = 22
@@ -299,12 +299,10 @@ print(json.dumps(seen))
         ours = [{m for m in found if not m.startswith(("numpy", "scipy"))}
                 for found in loaded.values()]  # fmt: skip
         described, free, hand, wall, flat, sand = ours
-        assert described == {"description", "library"} and "numpy" not in loaded["described"]
-        assert free - described == {
-            "build", "work", "sensors", "tool", "motion", "free", "follow", "matrix"
-        }  # fmt: skip
+        assert described == {"description"} and "numpy" not in loaded["described"]
+        assert free - described == {"build", "sensors", "tool", "motion", "linear"}
         assert hand - free == {"grasp"}
-        assert wall - hand == {"touch", "integrators", "contact"}
+        assert wall - hand == {"touch", "contact"}
         assert flat == wall
         assert not any("scipy" in found for found in loaded.values())
         assert sand - flat == {"surface"}

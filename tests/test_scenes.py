@@ -11,12 +11,11 @@ import pytest
 from hapfmt.encoder.split import low_pass
 from hapfmt.errors import ParameterError
 from hapfmt.lab.scenes import surface
-from hapfmt.lab.scenes.description import Contact, Press, Tool
+from hapfmt.lab.scenes.description import Contact, Press, Tool, Work
 from hapfmt.lab.scenes.motion import StepGrid
 from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.lab.scenes.tool import system_of
 from hapfmt.lab.scenes.touch import FRICTION, Normal
-from hapfmt.lab.scenes.work import Work
 
 TEXTURES = ["stone", "sand", "cork"]
 

@@ -10,7 +10,7 @@ import pytest
 import hapfmt
 from hapfmt.codecs.exact import FOUR_STATES, RECALL, split_packet
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.lengths import PRICE, SHARE, SMALL
+from hapfmt.encoder.predict import PRICE, SHARE, SMALL
 from hapfmt.recording import Calibration, Channel, Recording
 
 RATE = 1000

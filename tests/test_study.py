@@ -32,7 +32,7 @@ from hapfmt.lab.study.rating import (
     order,
     parse_answers,
 )
-from hapfmt.lab.study.summary import as_json, mean_of, summarise, table_rows
+from hapfmt.lab.study.summary import mean_of, summarise, summary_json, table_rows
 
 TEXT = """
 name = "textures"
@@ -225,7 +225,7 @@ class TestPreparing:
 
 def opened(study, prepared, path, subject="S1", output=None) -> AnswerFile:
     output = output or Nowhere()
-    return AnswerFile(path, heading(study, prepared, subject, output.told), told.append)
+    return AnswerFile(path, heading(study, prepared, subject, output.description), told.append)
 
 
 told: list[str] = []
@@ -348,7 +348,7 @@ class TestAnswers:
         with suppress(ParameterError):
             found = summarise([parse_answers(text.encode())])
             assert len(table_rows(found)) in (12, 24)
-            json.dumps(as_json(found), allow_nan=False)
+            json.dumps(summary_json(found), allow_nan=False)
 
     @given(st.binary(max_size=200))
     def test_any_bytes(self, data):
@@ -408,7 +408,7 @@ class TestOutputs:
         )
         path = prepared.file("cork", "b5")
         assert plan(path, profile, mapping)[-1] == "at rest: index, middle, ring, little"
-        assert device.told == {
+        assert device.description == {
             "kind": "device", "profile": profile.name, "gain": 0.25, "channels": ["0=1"],
             "profile_sha256": hashlib.sha256(profile.text.encode()).hexdigest(),
         }  # fmt: skip
@@ -436,7 +436,9 @@ class TestOutputs:
         with pytest.raises(ParameterError, match="replay does not guess"):
             plan(path, profile, ChannelMap())
         assert plan(path, profile, ChannelMap(by_order=True))[0].startswith("thumb <- 0 ")
-        told = DeviceOutput(profile, {}, None, ChannelMap(("0=1",), ("x",), by_order=True)).told
+        told = DeviceOutput(
+            profile, {}, None, ChannelMap(("0=1",), ("x",), by_order=True)
+        ).description
         assert told.items() >= {"channels": ["0=1"], "ignored": ["x"], "by_order": True}.items()
 
     def test_wav_is_level(self, study, prepared, tmp_path):
@@ -480,7 +482,7 @@ class TestOutputs:
         from hapfmt.lab.study.outputs import SoundCard
 
         card = SoundCard(study, prepared, outputs.Card(*outputs.parse_card("2/USB Audio")))
-        assert card.told == {"kind": "sound", "channel": 2, "device": "USB Audio"}
+        assert card.description == {"kind": "sound", "channel": 2, "device": "USB Audio"}
         card.play(prepared.file("sand", "b5"), "trial 1")
         (y, rate, how), end = played
         assert y.shape == (19_200, 1) and y.dtype == np.float32 and rate == 48_000
@@ -546,7 +548,7 @@ class TestSummary:
                 half = stats.t.ppf(0.975, len(means) - 1) * stats.sem(means)
                 assert row.rating.half == pytest.approx(half)
         assert len(found.rows) == 12 and "a dry run" in found.notes[0]
-        told = json.loads(json.dumps(as_json(found), allow_nan=False))
+        told = json.loads(json.dumps(summary_json(found), allow_nan=False))
         assert told["subjects"][2]["screened_out"] and len(told["screened"]) == 12
         assert len(table_rows(found)) == 24
 

@@ -15,19 +15,10 @@ from hypothesis.extra.numpy import arrays
 import hapfmt
 from hapfmt.encoder.settings import Tolerance
 from hapfmt.errors import ParameterError
-from hapfmt.lab.survey import parts as parts_of
-from hapfmt.lab.survey.compare import compare, pair_up
-from hapfmt.lab.survey.parts import FileParts, RecordingParts
-from hapfmt.lab.survey.views import (
-    BINS,
-    LARGEST,
-    SHOWN,
-    Histogram,
-    Outline,
-    Spectrum,
-    liveliest,
-    survey,
-)
+from hapfmt.lab import parts as parts_of
+from hapfmt.lab.compare import compare, pair_up
+from hapfmt.lab.parts import FileParts, RecordingParts
+from hapfmt.lab.views import BINS, LARGEST, SHOWN, Histogram, Outline, Spectrum, liveliest, survey
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Calibration, Channel, Recording
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hapfmt import descriptions
 from hapfmt.descriptions import MOST_DIGITS, MOST_NESTED, MOST_PARTS, MOST_WORDS, parse_toml
 from hapfmt.errors import HapfmtError, ParameterError
-from hapfmt.lab.scenes.library import load_scene
+from hapfmt.lab.scenes.description import load_scene
 from hapfmt.lab.study.description import load_study
 from hapfmt.replay.profile.parse import load_profile
 

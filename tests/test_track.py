@@ -17,16 +17,17 @@ from judge import rule, samples
 
 from hapfmt.errors import HapfmtError, LimitError, ParameterError, UnsupportedError
 from hapfmt.format.deflate import deflate, inflate
-from hapfmt.format.description import (
+from hapfmt.format.track import (
     CHUNK_SIZE,
+    Component,
+    Contract,
     build_description,
     build_track,
     chunks_of,
     parse_description,
+    round_up,
     split,
 )
-from hapfmt.format.lists import round_up
-from hapfmt.format.track import Component, Contract
 from hapfmt.limits import LEVELS, Limits
 from hapfmt.reading.reader import Reader
 from hapfmt.reading.verifier import verify

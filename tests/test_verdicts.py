@@ -197,6 +197,6 @@ def test_an_attachment_that_an_index_hides_is_no_error() -> None:
 
 def test_a_damaged_file_says_what_to_do_next() -> None:
     with pytest.raises(
-        ChecksumError, match=r"bad-digest: .* hapfmt.Reader .* hapfmt recover IN OUT"
+        ChecksumError, match=r"bad-digest: .* hapfmt.Reader .* hapfmt\.recover\(file, into\)"
     ):
         hapfmt.read(DIGEST)

@@ -39,7 +39,7 @@ from hapfmt.encoder.settings import Tolerance
 
 TASKS = ("deadband", "lossless", "doubles")
 FLOOR = 0.002
-"""Of each channel's range."""
+"""Absolute threshold as a share of each channel's range."""
 
 ALWAYS = "flac -8"
 COUNT_LIMIT = 1 << 31
@@ -57,7 +57,7 @@ class Job(NamedTuple):
     task: str
     ours: dict[str, tuple[hapfmt.Recording, hapfmt.Settings]]
     peers: Callable[[int], list[Peer]]
-    """Of one channel."""
+    """The peers for one channel."""
 
     arrays: list[np.ndarray]
     check: Check
@@ -107,7 +107,7 @@ def deadband_jobs(name: str, recording: hapfmt.Recording, ks: Sequence[str]) -> 
 
 
 def counts_of(channel: hapfmt.Channel, *, search: bool) -> np.ndarray | None:
-    """Integer counts of a channel that is on a lattice: its own, or by the file's step."""
+    """Integer counts of a channel on a grid: its own counts, or multiples of the file's step."""
     if channel.is_counts:
         return channel.stored.astype(np.int64)
     x = channel.samples()
@@ -170,7 +170,7 @@ def same(arrays: Sequence[np.ndarray], found: Sequence[np.ndarray]) -> tuple[int
 
 
 def measure_ours(job: Job, coder: str, repeats: int) -> Row:
-    """Through the whole package: lattice, choice, file; read back and verified."""
+    """Through the whole package: grid, choice, file; read back and verified."""
     recording, settings = job.ours[coder]
 
     def encode() -> tuple[bytes, int]:

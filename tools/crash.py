@@ -3,13 +3,12 @@
 python tools/crash.py [--trials 200] [--seed 1]
 
 The process records 30 channels of three rates in chunks of random sizes, calls flush at random
-moments and tells after each, through a pipe, what is flushed. It is killed at a random moment
-after its start, every tenth at a random moment of its life. Then the file must open; nothing worse
-may be wrong with it than that it was not closed or that its last chunk was cut in the writing;
-every sample in it must be the one that was recorded; and all that was told must be there. Every
-second trial goes on with the file of the one before (append). After each, a recorder appends to
-what is left and closes it, and the file must be intact. The page cache survives a kill: a loss of
-power is not tried here.
+moments and reports after each, through a pipe, the flushed ticks. It is killed at a random moment
+after its start, every tenth at a random moment of its life. Then the file must open. At worst it is
+not closed, or its last chunk is cut. Every sample in it must be the recorded one, and all flushed
+samples must be there. Every second trial appends to the file of the previous one. After each trial,
+a recorder appends to the file and closes it, and the file must be intact. The page cache survives a
+kill, so this program does not test a loss of power.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ CALIBRATION = hapfmt.Calibration(1, 0, 1000)
 
 
 def inputs() -> list[hapfmt.Input]:
-    """Counts, floats on a lattice, and doubles."""
+    """Counts, floats on a grid, and doubles without one."""
     found = []
     for number in range(CHANNELS):
         rate = RATES[number % 3]
@@ -86,7 +85,7 @@ def child(path: str, pipe: int, seed: int, append: bool) -> None:
     recorder = hapfmt.Recorder(path, inputs(), cluster=CLUSTER, append=append, hold=0.3)
     ticks = [int(tick) for tick in recorder.lanes.ticks]
     counts = [0] * CHANNELS
-    tell(pipe, ticks, counts)
+    report(pipe, ticks, counts)
     while True:
         for number in rng.permutation(CHANNELS).tolist():
             at = ticks[number]
@@ -97,10 +96,10 @@ def child(path: str, pipe: int, seed: int, append: bool) -> None:
             counts[number] += size
         if rng.integers(6) == 0:
             recorder.flush()
-            tell(pipe, ticks, counts)
+            report(pipe, ticks, counts)
 
 
-def tell(pipe: int, ticks: list[int], counts: list[int]) -> None:
+def report(pipe: int, ticks: list[int], counts: list[int]) -> None:
     """In one write, so that it arrives whole: what is flushed, by channel."""
     os.write(pipe, json.dumps([ticks, counts]).encode() + b"\n")
 
@@ -136,37 +135,37 @@ def trial(path: Path, seed: int, append: bool, tally: Tally) -> None:
         time.sleep(float(rng.uniform(0, LIFE_S)))
         os.kill(pid, signal.SIGKILL)
         status = os.waitpid(pid, 0)[1]
-        told = (first + pipe.read()).split(b"\n")[:-1]
+        sent = (first + pipe.read()).split(b"\n")[:-1]
     tally.trials += 1
     if not os.WIFSIGNALED(status):
         tally.faults.append(f"trial {seed}: the recorder failed by itself")
-    flushed = [json.loads(line) for line in told]
+    flushed = [json.loads(line) for line in sent]
     if len(flushed) < 2 and (not path.exists() or path.stat().st_size < 64):
         tally.unborn += 1
         return
     try:
-        look(path, [Told(*each) for each in zip(*first_and_last(flushed), strict=True)], tally)
+        look(path, [Flushed(*each) for each in zip(*first_and_last(flushed), strict=True)], tally)
     except (hapfmt.HapfmtError, AssertionError) as error:
         tally.faults.append(f"trial {seed}: {error}")
 
 
-class Told(NamedTuple):
-    """Of one channel: so many samples between two ticks are on the disk."""
+class Flushed(NamedTuple):
+    """One channel: the number of samples between two ticks that are on the disk."""
 
     start: int = 0
     stop: int = 0
     count: int = 0
 
 
-def first_and_last(told: list[list[list[int]]]) -> tuple[list[int], list[int], list[int]]:
+def first_and_last(sent: list[list[list[int]]]) -> tuple[list[int], list[int], list[int]]:
     """Ticks at the beginning; ticks and counts at the last flush."""
     nothing = [[0] * CHANNELS] * 2
-    first, last = (told[0], told[-1]) if told else (nothing, nothing)
+    first, last = (sent[0], sent[-1]) if sent else (nothing, nothing)
     return first[0], last[0], last[1]
 
 
-def look(path: Path, flushed: list[Told], tally: Tally) -> None:
-    """Whether the file holds what was flushed, and nothing else than was recorded."""
+def look(path: Path, flushed: list[Flushed], tally: Tally) -> None:
+    """Check that the file holds the flushed samples, and that every sample was recorded."""
     with hapfmt.Reader(path, scan=True) as reader:
         recording = reader.read()
         codes = {finding.code for finding in reader.findings}
@@ -180,10 +179,10 @@ def look(path: Path, flushed: list[Told], tally: Tally) -> None:
             assert cut is not None and lost.offset is not None and lost.offset >= cut, f"{lost}"
     tally.findings.update(codes or {"intact"})
     by_label = {channel.label: channel for channel in recording.channels}
-    for number, told in enumerate(flushed):
+    for number, sent in enumerate(flushed):
         channel = by_label.get(f"channel {number}")
         if channel is None:
-            assert not told.count, f"channel {number} is missing, {told} flushed"
+            assert not sent.count, f"channel {number} is missing, {sent} flushed"
             continue
         recorded = np.concatenate(
             [samples(number, *span) for span in channel.coverage] or [np.empty(0, np.int64)]
@@ -194,10 +193,10 @@ def look(path: Path, flushed: list[Told], tally: Tally) -> None:
             found = channel.samples()
         assert (found == wanted).all(), f"channel {number} holds other samples"
         kept = sum(
-            max(min(span.stop, told.stop) - max(span.start, told.start), 0)
+            max(min(span.stop, sent.stop) - max(span.start, sent.start), 0)
             for span in channel.coverage
         )
-        assert kept == told.count, f"channel {number} kept {kept} of {told}"
+        assert kept == sent.count, f"channel {number} kept {kept} of {sent}"
         tally.kept += int(channel.stored.size)
         tally.flushed += kept
 
@@ -211,7 +210,7 @@ def mend(path: Path, seed: int, tally: Tally) -> None:
                 recorder.write(number, values(number, samples(number, at, at + 9)))
         verdict = hapfmt.verify(path).verdict
         assert verdict == "intact", f"after append and close: {verdict}"
-        look(path, [Told(tick, tick + 9, 9) for tick in ticks], Tally())
+        look(path, [Flushed(tick, tick + 9, 9) for tick in ticks], Tally())
     except (hapfmt.HapfmtError, AssertionError) as error:
         tally.faults.append(f"trial {seed}, mended: {error}")
 
@@ -222,7 +221,7 @@ def mend(path: Path, seed: int, tally: Tally) -> None:
 def main(trials: int, seed: int) -> None:
     tally = Tally()
     with hapfmt.Recorder(io.BytesIO(), inputs()) as recorder:
-        # What is imported and measured once is no part of a trial.
+        # A trial does not include imports and first measurements.
         recorder.write(0, samples(0, 0, 1000))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "crash.hapf"

@@ -97,7 +97,7 @@ Foreign = Callable[[bytes, bytes, Rng], bytes]
 
 
 def pasted(data: bytes, other: bytes, to: int, source: int, blocks: int) -> bytes:
-    """So many blocks of the other file, block for block."""
+    """A number of blocks replaced by the blocks of the other file."""
     part = other[BLOCK * source : BLOCK * (source + blocks)]
     part = part[: len(data) - BLOCK * to]
     return data[: BLOCK * to] + part + data[BLOCK * to + len(part) :]
@@ -144,7 +144,7 @@ def foreign_payload(data: bytes, other: bytes, rng: Rng) -> bytes:
 
 @cache
 def clusters_of(data: bytes) -> list[tuple[int, int]]:
-    """Where the payloads of DATA chunks stand."""
+    """Where the payloads of DATA chunks are."""
     chunks = walk(BytesSource(data), [])
     return [(c.payload_offset, c.stop) for c in chunks if c.header.type == "DATA"]
 
@@ -282,7 +282,7 @@ def compare(clean: hapfmt.Recording, back: hapfmt.Recording) -> tuple[int, int]:
 
 def unnamed(clean: hapfmt.Recording, reader: hapfmt.Reader, back: hapfmt.Recording) -> int:
     if {finding.code for finding in reader.findings} == {"not-closed"}:
-        # A cut between two chunks: nobody knows what followed.
+        # After a cut between two chunks the rest is unknown.
         return 0
     by_label = {channel.label: channel for channel in clean.channels}
     missing = 0

@@ -37,7 +37,7 @@ SLOW = 20
 """Seconds that an input may take; the readable loops under instrumentation are slow."""
 
 RAW = 8
-"""One mutation of so many leaves checksums as they are."""
+"""One mutation in this number leaves checksums as they are."""
 
 ROOM = {"file": 80 << 10, "append": 16 << 10, "edited": 16 << 10, "recovered": 16 << 10}
 OTHER_ROOM = 8 << 10
@@ -45,7 +45,7 @@ OTHER_ROOM = 8 << 10
 
 
 AGAIN = 10_000
-"""Inputs after which the cap is set anew: what an instrumented run keeps is not the package's."""
+"""Inputs between two settings of the memory cap: an instrumented run keeps memory of its own."""
 
 
 def cap_memory() -> None:
@@ -64,7 +64,7 @@ def fuzz(name: str, arguments: list[str]) -> None:
     target = TARGETS[name]
 
     def change_parts(data: bytes, size: int, rng: random.Random) -> bytes:
-        """Of a file: one payload changed, or chunks left out, moved or doubled."""
+        """Change one payload of a file, or leave out, move or double chunks."""
         parts = parts_of(data)
         if not parts:
             return atheris.Mutate(data, size)

@@ -4,8 +4,8 @@ python tools/hours.py [--hours 10] [--preset lossless] [--fast]
 
 A glove of 22 channels at 1 kHz and 4 accelerations at 8 kHz, in chunks of 100 ms, as fast as the
 recorder takes them; fsync once a second, as at the pace of the clock. Two minutes of samples are
-made beforehand and played forwards and backwards: packets stand alone, so that coding them again
-and again is no easier.
+made beforehand and played forwards and backwards: packets do not depend on each other, so that
+repeats are as hard to code.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def find() -> None:
 
 
 def require_loops() -> None:
-    """End the tool where the loops are not compiled and nobody asked for that."""
+    """End the tool if the loops are not compiled and HAPFMT_PURE is not set."""
     from hapfmt.kernels import compiled
 
     if compiled is None and not os.environ.get(PURE):

@@ -64,7 +64,7 @@ def files_in(folder: Path) -> list[Path]:
 
 
 def timed(work: Callable[[], Result], repeats: int = 1) -> tuple[Result, float]:
-    """What the work gives, and the shortest CPU time of so many runs, in seconds."""
+    """The result of the work, and the shortest CPU time of the runs, in seconds."""
     times = []
     for _ in range(repeats):
         began = time.process_time()

@@ -1,4 +1,4 @@
-"""Presets beside each other over a folder of recordings: ratio, largest error, time. Markdown.
+"""Presets compared over a folder of recordings: ratio, largest error, time. Prints Markdown.
 
 python tools/presets.py [DATA]        a folder of recordings; without: ../shared/data
 

@@ -30,7 +30,7 @@ class Arrival(NamedTuple):
     """A frame as it came out at the other end."""
 
     at_ns: int
-    """Of the monotonic clock."""
+    """Time of the monotonic clock."""
     pid: int
     data: bytes
 
@@ -157,7 +157,7 @@ def opened(way: str, case: Case, folder: Path) -> Iterator[End]:
 
 
 def wait_for(end: End, count: int) -> list[Arrival]:
-    """Until so many frames have come out."""
+    """Wait until this number of frames has come out."""
     latest = time.monotonic() + SECONDS
     while len(found := end.arrivals()) < count:
         if time.monotonic() > latest:

@@ -46,7 +46,7 @@ from watched import Watched
 PERCENTILES = (50, 99, 99.9)
 BUSY = "x = 1\nwhile True: x = x * 3 % 1000003"
 AFTER_S = 30.0
-"""A run may take so much longer than its file."""
+"""A run may take this much longer than its file."""
 MIB = 1 << 20
 
 
@@ -75,7 +75,7 @@ class Row:
 
 
 def percentiles(times: ArrayLike) -> list[float]:
-    """Of one that falls between two frames the later, so that each is that of a frame."""
+    """Percentiles of the times; each is the time of a frame, the later one between two."""
     found = np.asarray(times, float)
     return [*np.percentile(found, PERCENTILES, method="higher").tolist(), float(found.max())]
 
@@ -142,7 +142,7 @@ def play_file(file: str, profile_name: str, sink: str) -> None:
 
 
 def watch(stop_after: str, *words: str) -> None:
-    """Runs a command, looks at its processes from beside it, and interrupts it (0: never)."""
+    """Runs a command, watches its processes, and interrupts it (0: never)."""
     process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
     with Watched(process.pid, ("process.writer", "process.watchdog")) as watched:
         try:
@@ -224,7 +224,7 @@ def kills(case: Case, end: End, folder: Path, count: int) -> list[float]:
 
 
 def hour(end: End, folder: Path, seconds: float) -> dict[str, Any]:
-    """An hour of 22 channels: its start, five times, and the memory of so many seconds of it."""
+    """An hour of 22 channels: five start-ups, and the memory after this number of seconds."""
     case, file = CASES[1], folder / "hour.hapf"
     make_hours(file, 1.0)
     firsts: list[float] = []
@@ -244,7 +244,7 @@ def hour(end: End, folder: Path, seconds: float) -> dict[str, Any]:
 
 
 def run(way: str, case: Case, seconds: float, folder: Path) -> tuple[str, dict[str, Any]]:
-    """The name of a way, and what was measured; or what happened instead."""
+    """The name of a way and its measurements, or its error."""
     title = {"sleep": "sleep loop"}.get(way, way)
     try:
         if way == "sleep":
@@ -288,7 +288,7 @@ def print_rows(rows: list[Row]) -> None:
 
 
 def print_ends(ends: dict[str, Any]) -> None:
-    """What was measured besides."""
+    """The other measurements."""
     rows: list[list[object]] = []
     for way, text in ends.get("failed", {}).items():
         rows.append([way, f"failed: {text}"])

@@ -89,7 +89,7 @@ class Cell(NamedTuple):
 
 
 def cells(rows: Iterable[Row]) -> list[Cell]:
-    """Each of our coders beside the peers on the same recording and task, where there are any."""
+    """Each of our coders and its peers on the same recording and task, where there are any."""
     by_place: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         by_place.setdefault((row.recording, row.task), []).append(row)

@@ -29,7 +29,7 @@ from rich.console import Console
 
 MIB = 1 << 20
 FINE = "relief = 0.02"
-"""Of a texture too fine to feel: 0.6 mN rms, a count of the sensor."""
+"""Relief of a texture too fine to feel: 0.6 mN rms, a count of the sensor."""
 
 BARE = """
 import json, sys
@@ -43,7 +43,7 @@ print(json.dumps({"modules": len(sys.modules), "status": status}))
 
 
 class Row(NamedTuple):
-    """A scene, what is taken out of it, the preset of its file, and what is added to its TOML."""
+    """A scene, the parts left out of it, the preset of its file, and additions to its TOML."""
 
     name: str
     scene: str
@@ -115,7 +115,7 @@ def measure(row: Row, seconds: float, repeats: int, folder: Path) -> Found:
 
 
 def scene_file(row: Row, folder: Path) -> str:
-    """The name of the scene, or of a file with what is added."""
+    """The name of the scene, or of a file with the additions."""
     if not row.added:
         return row.scene
     from hapfmt.lab.scenes import scene_text
@@ -151,7 +151,7 @@ def child(source: str, without: list[str], seconds: float, repeats: int) -> dict
     from hapfmt.lab.scenes.build import simulate
 
     scene = load_scene(source).without(*without).changed(seconds=seconds)
-    simulate(scene.changed(seconds=0.01))  # what is imported is no part of it
+    simulate(scene.changed(seconds=0.01))  # imports are not measured
     before, times = peak(), []
     for _ in range(repeats):
         began = time.process_time()
@@ -177,13 +177,13 @@ def peak_of(status: str, most: int) -> int:
 
 
 def measure_all(
-    rows: Sequence[Row], seconds: float, repeats: int, told: Callable[[str], None]
+    rows: Sequence[Row], seconds: float, repeats: int, announce: Callable[[str], None]
 ) -> list[tuple[Row, Found]]:
-    """Of each row what was found; ``told`` hears the name of each before."""
+    """What each row measures; ``announce`` gets the name of a row before its measurement."""
     found = []
     with tempfile.TemporaryDirectory() as folder:
         for row in rows:
-            told(row.name)
+            announce(row.name)
             found.append((row, measure(row, seconds, repeats, Path(folder))))
     return found
 

@@ -11,7 +11,7 @@ import hapfmt
 from hapfmt.lab.scenes.stylus import simulate
 
 SENSORS = 22
-"""Of a CyberGlove."""
+"""Sensors of a CyberGlove."""
 
 BLOCK = 1 << 16
 """Ticks computed at a time: memory beyond the counts is that of one block."""
@@ -57,7 +57,7 @@ def glove(seconds: float, rate_hz: int = 1000, sensors: int = SENSORS) -> hapfmt
 
 
 def drift(seconds: float, rate_hz: int = 1000) -> hapfmt.Recording:
-    """True doubles: three filtered forces that no lattice holds."""
+    """Floating point values: three filtered forces without a common step."""
     rng = np.random.Generator(np.random.PCG64(11))
     steps: NDArray[np.float64] = rng.normal(0, 0.003, (3, round(seconds * rate_hz)))
     forces = np.cumsum(steps, axis=1)

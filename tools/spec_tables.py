@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))  # the layouts of this clone, whatever is installed
+sys.path.insert(0, str(ROOT))  # the layouts of this clone, not of an installed copy
 
 from hapfmt.format.layout import TABLES  # noqa: E402
 

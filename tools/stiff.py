@@ -1,4 +1,4 @@
-"""Hard contact at replay: what each kernel makes of it, and what the limiter leaves of its steps.
+"""Hard contact at replay: how each kernel renders it, and how far the limiter reduces its steps.
 
 python tools/stiff.py [FILE.npz:CHANNEL ...]
 
@@ -29,8 +29,7 @@ from hapfmt.encoder.split import low_pass
 from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Channel, Recording
-from hapfmt.replay.frames import FrameBlock
-from hapfmt.replay.profile.model import Actuator, Profile, Timing
+from hapfmt.replay.profile.model import Actuator, FrameBlock, Profile, Timing
 from hapfmt.replay.render import Assignment, Renderer, Route
 from hapfmt.replay.render.feed import DeviceGrid, Shape, kernel
 from hapfmt.replay.schedule import Schedule
@@ -47,7 +46,7 @@ SHAPES: tuple[Shape, ...] = ("linear", "band-limited", "bounded")
 
 
 class Limits(NamedTuple):
-    """Of a device: largest force, and change per second."""
+    """Limits of a device: largest force, and change per second."""
 
     largest: float
     slew: float

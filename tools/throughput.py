@@ -38,7 +38,7 @@ LEVEL = LEVELS[2]
 RANGE = -(2**31), 2**31 - 1
 SAMPLES = 480_000
 TWIN_SAMPLES = 20_000
-"""Of them, for the loops that take microseconds a sample."""
+"""Samples for the loops that take microseconds a sample."""
 
 
 def codecs(counts: np.ndarray, rate: float) -> list[list[object]]:
@@ -97,7 +97,7 @@ def predictions(counts: np.ndarray) -> list[list[object]]:
 
 
 def doubles() -> list[list[object]]:
-    """LPCX: the exact values of noise beside its counts, both loops as above."""
+    """LPCX: the exact values of noise in addition to its counts, both loops as above."""
     rows = []
     built = exact.compiled
     for name, kernel, n in (("compiled", built, 1 << 16), ("readable", None, TWIN_SAMPLES)):

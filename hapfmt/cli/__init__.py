@@ -6,13 +6,15 @@ import json
 import os
 import re
 import sys
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
+from typing import Any
 
 import click
 
-from ..errors import HapfmtError, similar, unknown
+from ..errors import DataWarning, HapfmtError, similar, unknown
 from ..version import SPEC_VERSION, __version__
 from . import screen
 
@@ -76,7 +78,23 @@ ERROR = 1
 
 
 class Verbs(click.Group):
-    """Knows the verbs' names without importing them."""
+    """Knows the verbs' names without importing them. Warnings on data become notes."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        shown: set[str] = set()
+
+        def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+            if not issubclass(category, DataWarning):
+                others(message, category, *place, **more)
+            elif str(message) not in shown:
+                shown.add(str(message))
+                screen.note(str(message))
+
+        with warnings.catch_warnings():
+            others = warnings.showwarning
+            warnings.showwarning = show
+            warnings.simplefilter("always", DataWarning)
+            return super().invoke(ctx)
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         return list(VERBS)

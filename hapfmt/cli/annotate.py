@@ -28,7 +28,7 @@ from .common import (
 from .screen import Verb, say, table
 
 if TYPE_CHECKING:
-    from ..events import Event
+    from ..recording import Event
 
 TIMES, TEXTS = ("time", "onset"), ("text", "trial_type")
 """Names of columns; the second ones are those of BIDS."""
@@ -97,7 +97,7 @@ def annotate(
 
 
 def event_of(row: dict[str, Any], layer: str) -> Event:
-    from ..events import Event
+    from ..recording import Event
 
     channel = row.get("channel")
     if isinstance(channel, str):

@@ -102,7 +102,7 @@ def one_clock(
 
     clock, track = seen[0].clock, seen[0].track
     rate = NS if track is None else reader.catalogue.tracks[track].rate
-    told = summarise(seen, rate)
+    summary = summarise(seen, rate)
     ticks = [each.tick for each in seen]
     chosen: ClockMap | None = None
     if fitted and min(ticks) < max(ticks):
@@ -114,12 +114,12 @@ def one_clock(
     return {
         "clock": clock,
         "track": track,
-        "observation_count": told.count,
+        "observation_count": summary.count,
         "first_s": float(min(ticks) / rate),
         "last_s": float(max(ticks) / rate),
-        "offset_ns": told.offset_ns,
-        "drift_ppm": told.drift_ppm,
-        "jitter_ns": told.jitter_ns,
+        "offset_ns": summary.offset_ns,
+        "drift_ppm": summary.drift_ppm,
+        "jitter_ns": summary.jitter_ns,
         "points": [list(point) for point in chosen.points] if chosen else None,
         "beside_map_ns": away[len(away) // 2] if away else None,
     }

@@ -31,7 +31,7 @@ from .screen import JOINED, closed, complain, note, raw, say, terminal_text, wid
 if TYPE_CHECKING:
     from ..edit import Edited, Original
     from ..encoder.settings import Tolerance
-    from ..lab.survey.parts import Parts
+    from ..lab.parts import Parts
     from ..reading.reader import Reader
     from ..recording import Recording
 
@@ -551,7 +551,7 @@ def line(edited: Edited) -> str:
     )
 
 
-def named(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
+def offsets_of(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
     """FILE=SECONDS by the place of the file."""
     found: dict[int, Any] = {}
     for pair in pairs:
@@ -591,7 +591,7 @@ def open_parts(
     """``channels``: labels or numbers as a person gives them; ``numbers``: these;
     ``whole``: all of its time is wanted, so a hapf file is checked from end to end;
     ``transpose``: for a file of arrays, others ignore it."""
-    from ..lab.survey.parts import FileParts, RecordingParts
+    from ..lab.parts import FileParts, RecordingParts
     from ..reading.reader import Reader
 
     suffix = suffix_of(name, None if name.lower().endswith(HAPF) else format_)

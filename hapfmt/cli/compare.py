@@ -27,7 +27,7 @@ from .common import (
     transpose_option,
 )
 from .encode import amount
-from .plot import finish, told
+from .plot import damage_of, finish
 from .screen import Column, Verb, note, printable, say, table
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from ..encoder.settings import Tolerance
-    from ..lab.survey.compare import Comparison
-    from ..lab.survey.views import ChannelView
+    from ..lab.compare import Comparison
+    from ..lab.views import ChannelView
     from ..limits import Limits
 
 DIFFERENT = 3
@@ -88,8 +88,8 @@ def compare(
     hapfmt compare a.hapf b.hapf --tolerance 0.5lsb --plot both.png
     """
     from ..files import refuse
-    from ..lab.survey.compare import compare as run
-    from ..lab.survey.compare import pair_up
+    from ..lab.compare import compare as compare_recordings
+    from ..lab.compare import pair_up
 
     if a == "-" and b == "-":
         raise ParameterError("Only one of A and B can come from standard input")
@@ -107,12 +107,15 @@ def compare(
         two = opened(b, input_format, rate, max_memory, channels)
         try:
             with progress("comparing") as advance:
-                found, views = run(
+                found, views = compare_recordings(
                     one, two, pair_up(one, two), start, stop,
                     tolerance=tolerance, views=picture is not None, progress=advance,
                 )  # fmt: skip
             code = max(finish(one, start, stop), finish(two, start, stop))
-            footnotes = [*told(one, start, stop, "A: "), *told(two, start, stop, "B: ")]
+            footnotes = [
+                *damage_of(one, start, stop, "A: "),
+                *damage_of(two, start, stop, "B: "),
+            ]
         finally:
             two.close()
     finally:
@@ -141,7 +144,7 @@ def draw(
     from ..lab.plotting.figures import pages
     from ..lab.plotting.pages import Words
     from ..lab.plotting.panels import kind_of, save
-    from ..lab.survey.views import duration, grouped, rates
+    from ..lab.views import duration, grouped, rates
 
     if not views:
         raise ParameterError("Nothing to draw: no channel of both has the same rate")

@@ -45,7 +45,7 @@ def devices(own: tuple[str, ...], as_json: bool) -> int:
     profiles = [load_profile(name) for name in (*builtin_names(), *own)]
     found = connected()
     rows = [
-        told(device, [each for each in found if each.path == device.path], profiles)
+        describe_device(device, [each for each in found if each.path == device.path], profiles)
         for device in by_path(found)
     ]
     if as_json:
@@ -57,7 +57,7 @@ def devices(own: tuple[str, ...], as_json: bool) -> int:
     return 0
 
 
-def told(
+def describe_device(
     device: SystemDevice, collections: list[SystemDevice], profiles: list[Profile]
 ) -> dict[str, Any]:
     """One device, with all of its collections."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from dataclasses import replace as changed
 from fractions import Fraction
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Literal
@@ -80,9 +79,9 @@ def bound_text(contract: Contract | None, component: Component, index: int) -> s
 
 
 GROUPED = 16
-"""Of more channels than this, neighbours that were kept alike share a line."""
+"""Above this number of channels, neighbours that were kept alike share a line."""
 TRIED_TICKS = 1 << 13
-"""Of each channel, for the estimate of another preset."""
+"""Samples of each channel for the estimate of another preset."""
 FLOATING = ("stored as float", "kept as doubles")
 MAX_ERROR = "0.1%"
 
@@ -148,7 +147,7 @@ def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
         if len(members) < 3:
             yield from members
             continue
-        yield changed(
+        yield replace(
             members[0],
             label=f"{members[0].label} and {len(members) - 1} more",
             sample_count=sum(row.sample_count for row in members),
@@ -199,7 +198,7 @@ def near_lossless_ratio(recording: Recording) -> float:
         first = max(middle - TRIED_TICKS // 2, channel.start_tick)
         parts.append(channel.slice_ticks(first, first + TRIED_TICKS))
     settings = Settings.of("near-lossless", max_error=MAX_ERROR)
-    tried = encode_recording(changed(recording, channels=tuple(parts)), settings, threads=1)
+    tried = encode_recording(replace(recording, channels=tuple(parts)), settings, threads=1)
     size = sum(len(packet.data) for packet in tried.packets)
     return 8 * sum(part.stored.size for part in parts) / max(size, 1)
 

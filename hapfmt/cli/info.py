@@ -94,7 +94,7 @@ def show_growth(found: dict[str, Any], as_json: bool) -> None:
 
 
 SHOWN_CHARACTERS = 160
-"""Of nested metadata."""
+"""Most characters of nested metadata that are printed."""
 
 
 @click.command(cls=Verb)
@@ -259,7 +259,7 @@ def layer_json(layer: Track) -> dict[str, Any]:
 
 
 def contract_json(contract: Contract, index: int) -> dict[str, Any]:
-    """Of the component with this index; an unsupported track may have fewer."""
+    """The error bound of the component with this index; an unsupported track may have fewer."""
     index = min(index, len(contract.floor) - 1)
     return {
         "kn": contract.kn,
@@ -272,7 +272,7 @@ def contract_json(contract: Contract, index: int) -> dict[str, Any]:
 
 
 def unsupported_of(ref: ChannelRef) -> str | None:
-    """Of its tracks that are not HF, the first reason."""
+    """Why a channel is unsupported: the first reason of its tracks that are not HF."""
     reasons = [part.track.unsupported for part in ref.parts]
     return next((reason for reason in reasons if reason), None)
 
@@ -383,5 +383,5 @@ def channel_row(ref: ChannelRef) -> list[str]:
 
 
 def each_once(texts: list[str]) -> str:
-    """Of tracks that continue one another, without repeats."""
+    """The texts of tracks that continue one another, without repeats."""
     return ", then ".join(text for text, _ in groupby(texts))

@@ -13,7 +13,7 @@ from .common import (
     force_option,
     json_option,
     memory_option,
-    named,
+    offsets_of,
     originals,
     output_of,
     progress,
@@ -77,7 +77,7 @@ def merge(
     refuse_target(target, force)
     if prefixes and len(prefixes) != len(sources):
         raise ParameterError("Give one --prefix for each file (it may be empty)")
-    times, given = times_of(by_epoch, same_times), named(offsets, sources)
+    times, given = times_of(by_epoch, same_times), offsets_of(offsets, sources)
     with originals(sources, max_memory) as opened, progress("copying") as advance:
         edited = edit.merge(
             opened, output_of(target), times=times,

@@ -30,12 +30,12 @@ from .common import (
 from .screen import Verb, note, printable
 
 if TYPE_CHECKING:
-    from ..lab.survey.parts import Parts
-    from ..lab.survey.views import ChannelView
+    from ..lab.parts import Parts
+    from ..lab.views import ChannelView
     from ..limits import Limits
 
 ZOOM_TICKS = 400
-"""Of the stretch that is drawn sample by sample."""
+"""Length of the stretch that is drawn sample by sample."""
 LINES = 3
 """Largest number of lines about losses below the picture."""
 
@@ -84,7 +84,7 @@ def plot(
     One channel fills a page: the signal, its deadband and the knots of its slow part, a stretch of
     it sample by sample, the texture, the spectrum. A few have a row each; many are small pictures
     side by side. A PDF has as many pages as needed, and a page for each channel if there are at
-    most 12. Of a PNG or SVG, each further page is a file of its own: touch-1.png, touch-2.png.
+    most 12. A PNG or SVG has one page; further pages are files of their own: touch-1.png.
     Gaps are hatched. Damage is crossed and named; the exit code is then 3.
 
     \b
@@ -146,7 +146,7 @@ def draw(
 ) -> list[Any]:
     """Pages."""
     from ..lab.plotting.pages import ROWS, Words, pages
-    from ..lab.survey.views import liveliest, survey, within
+    from ..lab.views import liveliest, survey, within
 
     first, last = within(parts, start, stop)
     many = len(parts.channels) > ROWS and not (details and original is not None)
@@ -175,8 +175,8 @@ def header(
     parts: Parts, views: list[ChannelView], name: str, whole: bool, compared: bool
 ) -> list[str]:
     """The facts of the file."""
-    from ..lab.survey.parts import FileParts
-    from ..lab.survey.views import facts
+    from ..lab.parts import FileParts
+    from ..lab.views import facts
 
     size = None
     if isinstance(parts, FileParts):
@@ -190,8 +190,8 @@ def header(
 
 
 def largest_error(views: list[ChannelView]) -> list[str]:
-    """Of the channel that has the largest, by its range; one channel says it in its own title."""
-    from ..lab.survey.views import relative_error
+    """The largest error relative to the range of its channel; among several, the channel too."""
+    from ..lab.views import relative_error
 
     shares = [(relative_error(view), view) for view in views]
     worst, view = max(shares, key=lambda pair: pair[0])
@@ -204,7 +204,7 @@ def largest_error(views: list[ChannelView]) -> list[str]:
 def footnotes(
     parts: Parts, views: list[ChannelView], start: Fraction | None, stop: Fraction | None
 ) -> list[str]:
-    lines = told(parts, start, stop)
+    lines = damage_of(parts, start, stop)
     missing = sum(view.only_original for view in views)
     if missing:
         verb = "is" if missing == 1 else "are"
@@ -212,9 +212,11 @@ def footnotes(
     return lines
 
 
-def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = "") -> list[str]:
+def damage_of(
+    parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = ""
+) -> list[str]:
     """Damage of the file, in a few lines."""
-    from ..lab.survey.parts import FileParts
+    from ..lab.parts import FileParts
     from ..reading.damage import lost_lines
 
     lines: list[str] = []
@@ -232,7 +234,7 @@ def told(parts: Parts, start: Fraction | None, stop: Fraction | None, name: str 
 
 def finish(parts: Parts, start: Fraction | None, stop: Fraction | None) -> int:
     """Reports damage; returns the exit code."""
-    from ..lab.survey.parts import FileParts
+    from ..lab.parts import FileParts
 
     if not isinstance(parts, FileParts):
         return 0

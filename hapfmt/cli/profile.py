@@ -103,9 +103,9 @@ def check_profile(file: str, path: str | None, descriptor: str | None, as_json: 
         found = differences(chosen, against)
     code = 1 if found else 0
     if as_json:
-        told = summary(chosen)
-        told |= {"differences": found, "device": against and device_summary(against)}
-        echo_json(told | {"exit_code": code})
+        result = summary(chosen)
+        result |= {"differences": found, "device": against and device_summary(against)}
+        echo_json(result | {"exit_code": code})
     else:
         show(file, chosen)
         if against is not None and not found:

@@ -101,7 +101,7 @@ def tell_play(rating: Rating, fault: str) -> None:
         return
     what = "the reference" if rating.last == "reference" else "this one"
     where = {"dry-run": " (dry run: nothing was felt)", "wav": " (written to its WAV file)"}
-    tell(f"played {what}{where.get(rating.output.told['kind'], '')}")
+    tell(f"played {what}{where.get(rating.output.description['kind'], '')}")
 
 
 def tell_place(rating: Rating) -> None:
@@ -313,22 +313,22 @@ def rate(
     if (chosen or as_json) and (subject or (as_json and not chosen)):
         raise ParameterError("--subject does not go with --json or another mode")
     if summary:
-        return summed(files, plot, as_csv, as_json, force)
+        return print_summary(files, plot, as_csv, as_json, force)
     if new:
-        return begun(files, force, as_json)
+        return create_study(files, force, as_json)
     if len(files) != 1:
         raise ParameterError("one study at a time (--new and --summary take several files)")
     from ..lab.study.description import load_study
 
     study = load_study(files[0])
     if prepare_only:
-        return tell_prepared(study, made(study, folder), as_json)
+        return tell_prepared(study, prepare_conditions(study, folder), as_json)
     if subject is None:
         raise ParameterError("whose answers? give --subject, a code such as S07")
-    return asked(study, subject, folder, answers, felt)
+    return run_questions(study, subject, folder, answers, felt)
 
 
-def begun(files: tuple[str, ...], force: bool, as_json: bool) -> int:
+def create_study(files: tuple[str, ...], force: bool, as_json: bool) -> int:
     from ..files import atomic_write
     from ..lab.study.description import new_study, parse_study
 
@@ -349,7 +349,7 @@ def begun(files: tuple[str, ...], force: bool, as_json: bool) -> int:
     return 0
 
 
-def made(study: Study, folder: Path | None) -> Prepared:
+def prepare_conditions(study: Study, folder: Path | None) -> Prepared:
     from ..lab.study.prepare import prepare
 
     with progress("preparing") as advance:
@@ -378,7 +378,7 @@ def tell_prepared(study: Study, prepared: Prepared, as_json: bool) -> int:
     return 0
 
 
-def asked(
+def run_questions(
     study: Study, subject: str, folder: Path | None, answers: Path | None, felt: dict[str, Any]
 ) -> int:
     """The questions; answers are safe however it ends."""
@@ -387,13 +387,13 @@ def asked(
 
     refuse_subject(subject)
     choose_output(felt)
-    prepared = made(study, folder)
+    prepared = prepare_conditions(study, folder)
     output = output_of(felt, study, prepared)
     path = answers or study.folder("answers") / f"{subject}.jsonl"
     path.parent.mkdir(parents=True, exist_ok=True)
     if shutil.disk_usage(path.parent).free < LEAST_FREE:
         raise ParameterError("the disk is full: answers could not be kept", path=str(path))
-    head = heading(study, prepared, subject, output.told)
+    head = heading(study, prepared, subject, output.description)
     with AnswerFile(path, head, complain) as file:
         rating = Rating(study, prepared, file, output)
         code = 0
@@ -464,12 +464,11 @@ def mapping_of(felt: dict[str, Any], prepared: Prepared) -> ChannelMap:
     return ChannelMap(given, ignored, felt["map_by_order"])
 
 
-def summed(
+def print_summary(
     files: tuple[str, ...], plot: Path | None, as_csv: bool, as_json: bool, force: bool
 ) -> int:
     from ..lab.study.rating import load_answers
-    from ..lab.study.summary import as_json as told
-    from ..lab.study.summary import summarise
+    from ..lab.study.summary import summarise, summary_json
 
     if plot is not None:
         from ..files import refuse
@@ -479,7 +478,7 @@ def summed(
     if plot is not None:
         draw(summary, plot, force)
     if as_json:
-        echo_json(told(summary))
+        echo_json(summary_json(summary))
     elif as_csv:
         document(csv_of(summary))
     else:

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 PIECE = 1 << 16
 """Bytes taken from the stream at once, at most."""
 
-TOLD_S = 0.5
+SHOWN_S = 0.5
 """Between two lines of status."""
 
 LOST = 3
@@ -193,7 +193,7 @@ def summary(status: Status) -> str:
 
 
 def dropped(status: Status) -> str:
-    """Of the first few channels."""
+    """The dropped samples of the first few channels."""
     parts = [f"{label} {count}" for label, count in list(status.dropped.items())[:10]]
     return f"dropped {counted(status.dropped_count, 'sample')}: {', '.join(parts)}"
 
@@ -276,14 +276,14 @@ class RecordStatus(screen.StatusLine):
     def __init__(self, stream: Any) -> None:
         super().__init__()
         self.stream = stream
-        self.wait_s = TOLD_S if self.shown else None
-        self.next = time.monotonic() + TOLD_S
+        self.wait_s = SHOWN_S if self.shown else None
+        self.next = time.monotonic() + SHOWN_S
 
     def tell(self) -> None:
         recorder = self.stream.recorder
         if not self.shown or recorder is None or time.monotonic() < self.next:
             return
-        self.next = time.monotonic() + TOLD_S
+        self.next = time.monotonic() + SHOWN_S
         status = recorder.status()
         text = f"{summary(status)}, {status.queued_size >> 10} KiB waiting"
         if status.dropped:

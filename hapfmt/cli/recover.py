@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import ParameterError
-from ..numbers import counted
 from .common import (
     FileIdType,
     echo_json,
@@ -82,11 +81,11 @@ def recover(
                 progress=advance,
             )
     else:
-        from ..edit.recover import recover as run
+        from ..edit.recover import recover as recover_file
 
         refuse_target(target, force)
         with progress("recovering") as advance:
-            done = run(
+            done = recover_file(
                 input_of(source),
                 output_of(target),
                 canonical=canonical,
@@ -105,11 +104,7 @@ def recover(
 def show(source: str, target: str, done: Recovery, *, verbose: bool) -> None:
     if verbose:
         tell_some([str(finding) for finding in done.findings])
-    tell_some([f"{source}: {line}" for line in done.told])
+    tell_some([f"{source}: {line}" for line in done.summary])
     if done.kept_as:
         complain(f"the damaged file is now {done.kept_as}")
-    line = f"{target}: {counted(done.packets, 'packet')}, {counted(done.samples, 'sample')}"
-    how = "with loss" if done.exit_code == 3 else "nothing lost"
-    if how == "nothing lost" and any(each.code == "not-closed" for each in done.findings):
-        how = "nothing lost of what is in the file"
-    say(f"{line}; {how}", err=target == "-")
+    say(f"{target}: {done.headline()}", err=target == "-")

@@ -33,15 +33,14 @@ from .screen import Verb, complain, printable, say, table
 if TYPE_CHECKING:
     from ..limits import Limits
     from ..reading.reader import Reader
-    from ..replay.frames import Frame, FrameSink
+    from ..replay.process.loop import ReplayReport
     from ..replay.process.player import PlayerStatus
-    from ..replay.process.report import ReplayReport
-    from ..replay.profile.model import HidReport, Profile
+    from ..replay.profile.model import Frame, FrameSink, HidReport, Profile
     from ..replay.render import Renderer
     from ..replay.sinks.record import RecordSink
 
 ENDLESS = 0
-"""Of --loop without a number."""
+"""Value of --loop without a number."""
 
 METERED = 1000
 """Frames from one step of the progress bar to the next."""
@@ -291,10 +290,10 @@ def recording(
 
     head = reader.catalogue.head
     source = head.uuid.hex() if head and head.uuid else None
-    told = {**played, "source_uuid": source}
-    content = json.dumps([told, profile.text]).encode()
+    metadata = {**played, "source_uuid": source}
+    content = json.dumps([metadata, profile.text]).encode()
     canonical = int.from_bytes(hashlib.sha256(content).digest()[:8], "little") if dry_run else None
-    return RecordSink(target, profile, metadata=told, force=force, canonical=canonical)
+    return RecordSink(target, profile, metadata=metadata, force=force, canonical=canonical)
 
 
 def rehearsed(
@@ -337,8 +336,7 @@ def performed(
     record: FrameSink | None,
     watchdog: bool,
 ) -> ReplayReport:
-    from ..replay.process.keys import TerminalKeys
-    from ..replay.process.player import play
+    from ..replay.process.player import TerminalKeys, play
 
     with ReplayStatus() as line, TerminalKeys() as keys:
         return play(

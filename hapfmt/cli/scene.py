@@ -24,8 +24,7 @@ from .common import (
 from .screen import Verb, document, note, say, table
 
 if TYPE_CHECKING:
-    from ..lab.scenes.description import Scene
-    from ..lab.scenes.work import Work
+    from ..lab.scenes.description import Scene, Work
     from ..recording import Recording
 
 INTEGRATORS = ("explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4", "exact")
@@ -91,7 +90,7 @@ def scene(
     hapfmt scene grasp hand.hapf --without ring --without little
     hapfmt scene sand --show > mine.toml
     """
-    from ..lab.scenes.library import load_scene, scene_text
+    from ..lab.scenes.description import load_scene, scene_text
 
     if as_list or name is None:
         if show or target is not None:
@@ -133,7 +132,7 @@ def write_scene(
     with progress("simulating") as advance:
         recording, work = simulate(asked, progress=advance)
     simulated = time.perf_counter() - began
-    told: dict[str, Any] = {
+    result: dict[str, Any] = {
         **recording.metadata["scene"],
         "seconds": float(recording.duration),
         "channels": [channel.label for channel in recording.channels],
@@ -141,11 +140,11 @@ def write_scene(
         "simulate_s": simulated,
     }
     if kind == HAPF:
-        told |= encode_to(recording, target, preset or "lossless", force)
+        result |= encode_to(recording, target, preset or "lossless", force)
     else:
         save_recording(recording, target, kind, force)
     if as_json and target != "-":
-        echo_json(told)
+        echo_json(result)
     elif target != "-":
         say(
             f"{target}: {asked.name or 'scene'}, "
@@ -196,7 +195,7 @@ def in_words(work: Work) -> str:
 
 
 def list_scenes(as_json: bool) -> None:
-    from ..lab.scenes.library import builtin_names, load_scene
+    from ..lab.scenes.description import builtin_names, load_scene
 
     found = [load_scene(each) for each in builtin_names()]
     if as_json:

@@ -245,7 +245,7 @@ NARROW = 12
 class Column(NamedTuple):
     header: str
     drop: int = 0
-    """Of a narrow terminal: the largest goes first; 0 always stays."""
+    """On a narrow terminal the column with the largest number goes first; 0 always stays."""
 
 
 def table(

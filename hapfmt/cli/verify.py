@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..errors import DAMAGED, INTACT, VERDICTS
-from ..numbers import counted
+from ..errors import DAMAGED
 from .common import (
     echo_json,
     file_id_option,
@@ -67,14 +66,14 @@ def verify(
     hapfmt verify touch.hapf
     hapfmt verify touch.hapf --against original.npz
     """
-    from ..reading.verifier import verify as check
+    from ..reading.verifier import verify as verify_file
 
     refuse_transpose(transpose, (against,), input_format)
     original = None
     if against:
         original, _ = load_recording(against, input_format, rate, max_memory, transpose=transpose)
     with progress("verifying") as advance:
-        report = check(
+        report = verify_file(
             input_of(file),
             against=original,
             file_id=file_id,
@@ -92,22 +91,17 @@ def verify(
 def show(file: str, report: Report, *, verbose: bool) -> None:
     from ..format.walk import Finding
 
-    say(
-        f"{file}: {verdict(report)}; {counted(report.packets, 'packet')}, "
-        f"{counted(report.samples, 'sample')}"
-        + (f", {counted(report.digests, 'SHA-256 checksum')}" if report.digests else "")
-        + (f", {counted(report.events, 'event')}" if report.events else "")
-    )
+    say(f"{file}: {report.headline()}")
     if report.error:
         complain(report.error.line(), report.error.more)
     if verbose:
         tell_some([str(Finding(**finding)) for finding in report.findings])
-    tell_some(report.told)
+    tell_some(report.summary)
     if report.unknown:
         say(f"unknown chunks: {' '.join(report.unknown)}")
     if report.contracts:
         checks = report.contracts
-        # Of a narrow terminal: what is zero everywhere goes early, the last line says it.
+        # On a narrow terminal, columns of zeros go first; the last line names them.
         headers = [
             Column("label"), Column("#", 9), Column("error bound"),
             Column("outside", 0 if any(check.outside for check in checks) else 5),
@@ -117,7 +111,7 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
             Column("added", 0 if any(check.invented for check in checks) else 7),
         ]  # fmt: skip
         table(headers, [row_of(check) for check in checks])
-        said = kept(report.contracts)
+        said = report.bounds()
         (complain if report.exit_code else say)(said)
         for check in report.contracts:
             if check.moved > check.stated:
@@ -129,23 +123,6 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
         command = f"hapfmt recover {shlex.quote(file)} OUT"
         these = "this packet" if report.packets == 1 else f"these {report.packets} packets"
         complain(f"to keep {these}, run: {command}")
-
-
-def verdict(report: Report) -> str:
-    """Of the file, and how it differs from the original in the number of samples."""
-    missing = sum(check.missing for check in report.contracts)
-    added = sum(check.invented for check in report.contracts)
-    differences = []
-    if missing:
-        verb = "is" if missing == 1 else "are"
-        differences.append(f"{counted(missing, 'sample')} of the original {verb} missing")
-    if added:
-        verb = "is" if added == 1 else "are"
-        differences.append(f"{counted(added, 'sample')} {verb} not in the original")
-    word = VERDICTS[report.file_code]
-    if not differences:
-        return word
-    return f"{word}, {'but' if report.file_code == INTACT else 'and'} {' and '.join(differences)}"
 
 
 def name_of(check: ContractCheck) -> str:
@@ -178,21 +155,3 @@ def percent(error: float, whole: float) -> str:
     if not error:
         return "0"
     return f"{100 * (error / whole):.3g}" if 0 < whole < inf else "-"
-
-
-def kept(checks: list[ContractCheck]) -> str:
-    """The result in one line."""
-    broken = [check for check in checks if check.promised and check.outside]
-    aims = [check for check in checks if not check.promised and check.outside]
-    if broken:
-        what = "the error bound does not hold"
-        return f"{len(broken)} of {counted(len(checks), 'channel')}: {what}"
-    if aims:
-        what = "a sample is outside the bound, which is only an aim"
-        return f"{len(aims)} of {counted(len(checks), 'channel')}: {what}"
-    every, rest = "every sample", "; none is missing, none was added"
-    if any(check.missing or check.invented for check in checks):
-        every, rest = "every sample that both have", ""
-    if all(not check.largest_error for check in checks):
-        return f"{every} equals the original{rest}"
-    return f"{every} keeps its error bound{rest}"

@@ -19,7 +19,7 @@ SCALE = 4096
 """The frequencies of all symbols together."""
 
 LEAST = 1 << 16
-"""Of a state, and what every state ends with."""
+"""The smallest state of the coder; every state ends with this value."""
 
 FOUR = 4096
 """Symbols from which on the encoder takes four states; one state takes 6 bytes less."""
@@ -32,7 +32,7 @@ BLOCK = 8
 """Integers that share a context."""
 
 START_MOST = 163
-"""Of the byte that says what averages begin with: below 2^43."""
+"""Largest byte that gives the first average, which is below 2^43 then."""
 
 FEW = 16
 """Integers at the beginning whose mean an encoder lets the averages begin with."""
@@ -106,14 +106,14 @@ def probability(zeros: int, ones: int) -> int:
 
 @dataclass
 class Averages:
-    """Of the magnitudes before, times 256."""
+    """Running averages of the magnitudes before, times 256."""
 
     f: int
     s: int
 
     @classmethod
     def start(cls, start: int) -> Averages:
-        """Of the first block, by a byte of the packet."""
+        """The averages of the first block, from a byte of the packet."""
         mean = (4 + start % 4) << (start // 4)
         return cls(mean, mean)
 
@@ -309,7 +309,7 @@ class Encoder:
     """Notes sections of symbols, and writes raw bits; ``finish`` codes the symbols."""
 
     sections: list[list[tuple[int, int]]] = field(default_factory=list)
-    """Of each symbol where its share begins and ends."""
+    """For each symbol, where its share begins and ends."""
 
     raw_bits: int = 0
     raw_value: list[tuple[int, int]] = field(default_factory=list)
@@ -369,7 +369,7 @@ def start_of(numbers: Sequence[int]) -> int:
 
 
 def split_integers(numbers: Sequence[int], start: int) -> tuple[list[tuple[int, int]], list[int]]:
-    """Of each integer its context and symbol; the shift of each."""
+    """The context and the symbol of each integer; the shift of each."""
     averages, found, shifts = Averages.start(start), [], []
     for at in range(0, len(numbers), BLOCK):
         block = numbers[at : at + BLOCK]
@@ -446,7 +446,7 @@ def put_bits(coder: Encoder, bits: Sequence[int]) -> bytes:
 
 @dataclass
 class Signs:
-    """Of integers that are not 0: what they are after which sign, and how probable that is."""
+    """Signs of the integers that are not 0: the state after each sign, and its probabilities."""
 
     marks: list[tuple[int, int]]
     probabilities: bytes

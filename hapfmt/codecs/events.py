@@ -12,13 +12,12 @@ from math import lcm
 from typing import NamedTuple
 
 from ..errors import FormatError, ParameterError, TruncatedError
-from ..events import Event, channel_of
 from ..format.cluster import Packet
-from ..format.tlv import parse_text
 from ..format.track import Component, Track
-from ..format.wire import NO_TRACK
+from ..format.wire import NO_TRACK, parse_text
 from ..limits import LEVELS, TICK_LIMIT
 from ..numbers import build_varint, parse_varint, rdiv
+from ..recording import Event, index_of_channel
 
 EVENT_COUNT = 1 << 16
 """Events of a packet, at most."""
@@ -137,7 +136,7 @@ def coded(event: Event, rate: Fraction, labels: Sequence[str]) -> CodedEvent:
     tick, duration = (rdiv(*(x * rate).as_integer_ratio()) for x in (event.time, event.duration))
     if tick + duration >= TICK_LIMIT:
         raise ParameterError(f"event {event.text[:40]!r} ends after the last possible tick, 2^48")
-    return CodedEvent(tick, duration, channel_of(event, labels), event.text)
+    return CodedEvent(tick, duration, index_of_channel(event, labels), event.text)
 
 
 def event_packets(

@@ -36,7 +36,7 @@ COEFFICIENTS, COEFFICIENT_LIMIT = 4, 2.0**900
 """Polynomials of 32-bit counts stay finite below this limit."""
 
 TERMS_LIMIT = 16
-"""Of a linear rule."""
+"""Most terms of a linear rule."""
 
 DOUBLE, BITS = struct.Struct("<d"), struct.Struct("<q")
 LAST_PLACE, HALF = (1 << 63) - 1, 1 << 63
@@ -49,7 +49,7 @@ Doubles = NDArray[np.float64]
 
 
 class LinearTerm(NamedTuple):
-    """Of a linear rule: a weight for the exact value of a component some ticks before."""
+    """A term of a linear rule: the weight of a component's exact value some ticks before."""
 
     component: int
     lag: int
@@ -235,7 +235,7 @@ REMEMBERED = 32
 """Corrections that are remembered of a count."""
 
 RANKS = 6
-"""Of the places on a list, that many have a probability of their own: this encoder's choice."""
+"""This many places on a list have a probability of their own: this encoder's choice."""
 
 FRESH, SAME, KNOWN = range(3)
 """A count that was not met before in the packet, that of the sample before, another one."""
@@ -310,7 +310,7 @@ class ExactParameters:
 
 
 def parse_parameters(data: bytes, count: int, offset: int) -> tuple[ExactParameters, ...]:
-    """Of each component."""
+    """The parameters of each component."""
     found: list[ExactParameters] = []
     at = 0
     for _ in range(count):
@@ -458,10 +458,10 @@ class Lists:
 
     def __init__(self, ids: NDArray[np.int32]) -> None:
         self.heads = array("i", [-1]) * (int(ids.max()) + 1)
-        """Of each count, where the first correction is."""
+        """For each count, where its first correction is."""
         self.corrections = array("q")
         self.links = array("i")
-        """Of each correction, where the next one of its count is."""
+        """For each correction, where the next one of its count is."""
         self.last = -1
 
     def places(self, id_: int) -> list[int]:

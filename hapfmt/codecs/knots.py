@@ -216,7 +216,7 @@ GAP_BITS = 24
 """A gap of 2^24 ticks is the longest within a packet of any level."""
 
 BY_LENGTH = 64
-"""Of a row of numbers: their lengths are coded, with frequencies of their own."""
+"""Bit in the mode of a row: the lengths of its numbers are coded, with their own frequencies."""
 
 NO_KNOTS = "ticks that do not ascend, or a gap beyond 2^24, or an index beyond 2^32"
 """What an encoder must not ask for."""

@@ -90,7 +90,7 @@ def parse_references(
 ORDER_LIMIT, DIFFERENCE_LIMIT = 32, 4
 REPEATS, CONSTANT, REFERENCES, UNUSED = 8, 16, 64, 160
 FOUR_STATES, SIGNS, UNUSED_CODING = 16, 32, 192
-"""Of the byte before the coded bytes, whose lowest four bits are the class."""
+"""Bits of the byte before the coded bytes; its lowest four bits are the class."""
 
 REPEAT_CONTEXTS, SIGN_CONTEXTS = 4, 3
 STEP_UP_LIMIT = 1 << 36

@@ -253,12 +253,12 @@ def save(
     """Write a recording as .npz, .npy, .csv or .wav to a file (whole or not at all) or a stream.
 
     ``recording`` is a Recording, or an array or a table with ``rate``, ``labels``, ``units`` and
-    ``transpose``, as :func:`hapfmt.write` takes them.
+    ``transpose``, as for :func:`hapfmt.write`.
 
-    These formats write gaps out, as NaN or empty cells: they may take ``max_memory`` bytes there
-    (1 GiB by default). Returns notes on what the format could not hold. Raises ParameterError
-    where the file exists (unless ``force``) or the format cannot hold the samples; LimitError
-    for larger gaps; MissingExtraError; OSError.
+    These formats store gaps as NaN or empty cells, which may take ``max_memory`` bytes (1 GiB by
+    default). Returns notes on everything that the format could not hold. Raises ParameterError if
+    the file exists (unless ``force``) or the format cannot hold the samples; LimitError for larger
+    gaps; MissingExtraError; OSError.
     """
     from ..recording import recording_of
 

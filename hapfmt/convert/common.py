@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,10 +17,10 @@ from typing import IO, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import HapfmtError, LimitError, ParameterError
+from ..errors import DataWarning, HapfmtError, LimitError, ParameterError
 from ..numbers import checked_rate, hertz
 from ..recording import CHANNEL_LIMIT, Channel, Recording, extent
-from ..units import to_ucum
+from ..units import to_ucum, unknown_unit
 
 SLICE = 1 << 18
 """Values that are written at a time."""
@@ -196,6 +197,8 @@ def one_rate(recording: Recording, suffix: str) -> Fraction:
 def unit_of(text: str, label: str, notes: list[str]) -> str:
     """UCUM code of a unit text, with a note where the code lost characters of it."""
     code = to_ucum(text)
+    if (typo := unknown_unit(text, typos_only=True)) is not None:
+        warnings.warn(typo, DataWarning, stacklevel=2)
     if not text.isascii() and (code == "1" or code.startswith("{")):
         notes.append(f"the unit {text!r} of channel {label!r} is kept as {code}")
     return code

@@ -39,10 +39,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LimitError, ParameterError
-from ..events import Event, channel_of
 from ..limits import TICK_LIMIT
 from ..numbers import checked_rate
-from ..recording import Channel, Recording, spans_at, spans_of, unique
+from ..recording import Channel, Event, Recording, index_of_channel, spans_at, spans_of, unique
 from ..times import STEADY, TickGrid, TimeStamps, deviation_note
 from .common import (
     CHANNEL_LIMIT,
@@ -141,7 +140,7 @@ def _written(recording: Recording) -> str:
     labels = [channel.label for channel in recording.channels]
     rows = [
         {**vars(e), "time": str(e.time), "duration": str(e.duration),
-         "channel": channel_of(e, labels)}
+         "channel": index_of_channel(e, labels)}
         for e in recording.events
     ]  # fmt: skip
     return json.dumps(rows, ensure_ascii=False, separators=(",", ":"))

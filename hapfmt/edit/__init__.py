@@ -9,11 +9,8 @@ edit.concat(["a.hapf", "b.hapf"], "both.hapf")
 from __future__ import annotations
 
 from .additions import annotate, attach, attachment_of, extract, set_metadata
-from .concat import concat
-from .joining import Times
-from .making import Edited
-from .merge import merge
-from .original import Original
+from .joining import Times, concat, merge
+from .making import Edited, Original
 from .subset import split, subset
 
 __all__ = [

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 from ..codecs.events import coded, event_packets, layer_track, rate_of
 from ..errors import ParameterError, unknown
-from ..events import Event, by_layer
 from ..files import atomic_write, refuse
 from ..format.cluster import Packet
 from ..format.extras import Attachment, build_attachment, build_metadata
@@ -26,10 +25,10 @@ from ..format.track import Track
 from ..limits import LAST_TRACK_ID
 from ..numbers import counted
 from ..reading.catalogue import Catalogue
+from ..recording import Event, by_layer
 from ..writing.filewriter import FileWriter
 from ..writing.start import open_append
-from .making import Output, opened, refuse_output
-from .original import Input, Original, open_original
+from .making import Input, Original, Output, open_original, opened, refuse_output
 
 PIECE = 1 << 20
 """Bytes copied in one go."""
@@ -71,9 +70,8 @@ def annotate(
 ) -> list[str]:
     """Append events to a file, or to a copy of it at ``out``; returns notes.
 
-    They join the layer of their name where there is one, at its rate, else a new layer is made.
-    ``Event.channel`` is a label or a number of the file. The file's other contents do not
-    change.
+    Events join the layer of their name, at its rate, or make a new layer. ``Event.channel`` is a
+    label or a number of the file. The file's other contents do not change.
     """
     if not events:
         raise ParameterError("nothing to annotate")
@@ -90,7 +88,7 @@ def annotate(
         known = known_layers(catalogue)
         made: list[Track] = []
         packets: list[Packet] = []
-        for layer, own in by_layer(named(event, labels) for event in events).items():
+        for layer, own in by_layer(with_channel_number(event, labels) for event in events).items():
             track = known.get(layer)
             if track is None:
                 id_ = max([*catalogue.tracks, -1]) + 1 + len(made)
@@ -114,7 +112,7 @@ def annotate(
     return notes
 
 
-def named(event: Event, labels: Sequence[str]) -> Event:
+def with_channel_number(event: Event, labels: Sequence[str]) -> Event:
     """A text that is a number and not a label is taken as a channel number."""
     channel = event.channel
     if isinstance(channel, str) and channel not in labels and channel.isascii():
@@ -140,8 +138,8 @@ def attach(
 ) -> list[str]:
     """Append attachments to a file, or to a copy of it at ``out``; returns notes.
 
-    The file's other contents do not change. Raises ParameterError where an attachment is too large
-    for the file's level (then all are refused), and where another program writes the file.
+    The file's other contents do not change. Raises ParameterError if an attachment is too large for
+    the file's level, or another program writes the file; then no attachment is appended.
     """
     payloads = [build_attachment(attachment) for attachment in attachments]
     if not payloads:
@@ -172,7 +170,10 @@ def attach(
 def attachment_of(
     path: str | os.PathLike[str], *, name: str | None = None, media_type: str | None = None
 ) -> Attachment:
-    """The file at ``path``, under its own name; the media type is guessed from that."""
+    """Read the file at ``path`` as an attachment, by default under its own name.
+
+    Without ``media_type`` the name gives the media type.
+    """
     known = Path(path).name if name is None else name
     guessed = mimetypes.guess_type(known)[0] or ""
     return Attachment(known, guessed if media_type is None else media_type, Path(path).read_bytes())
@@ -185,10 +186,10 @@ def extract(
     *,
     force: bool = False,
 ) -> list[Path]:
-    """Write attachments, all or those of some names, into a folder; returns their paths.
+    """Write attachments, all or some by name, into a folder; returns their paths.
 
-    A name from a file is never a path (SPEC ATT-002): only its last part is used, and a number
-    where two are alike.
+    A name from a file is never used as a path (SPEC ATT-002): only its last part is used, with a
+    number if two are alike.
     """
     with open_original(file, scan=False) as original:
         known = original.attachments
@@ -221,8 +222,10 @@ def free_name(name: str, taken: set[str]) -> str:
 def set_metadata(
     file: Input, members: Mapping[str, Any], out: Output | None = None, *, force: bool = False
 ) -> list[str]:
-    """Append members, JSON values, that replace those of their name, to a file, or to a copy of it
-    at ``out``; returns notes. The earlier members stay in the file."""
+    """Append members, JSON values, to the metadata of a file, or of a copy of it at ``out``.
+
+    They replace members of the same name; the earlier values stay in the file. Returns notes.
+    """
     if not members:
         raise ParameterError("nothing to set")
     payload = build_metadata(dict(members))

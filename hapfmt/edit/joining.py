@@ -1,26 +1,58 @@
-"""Joins the tracks and the time lines of several files.
+"""Joins several files into one, without decoding: their tracks, and their time lines.
+
+``concat`` places recordings one after the other. ``merge`` combines channels that were recorded
+apart. Each file's zero gets a place on the time line of the result, in seconds.
 
 A track of one file goes on in the next as the same track where its description is the same. Else a
 new track continues it (SPEC TRK-016).
-
-The zero of each file gets a place on the time line of the result, in seconds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import heapq
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 from typing import Literal, NamedTuple
 
 from ..errors import ParameterError, UnsupportedError
+from ..format.cluster import Packet
+from ..format.extras import build_metadata
 from ..format.track import Affine, Component, Track
-from ..format.wire import Head
+from ..format.wire import Head, check_file_id
 from ..limits import LAST_TRACK_ID
 from ..numbers import exact
 from ..reading.packets import Seconds
-from .making import LAST_CHANNEL, EditPlan, TrackPlace, another
-from .original import NS, Original, common_period, ticks_of
+from .making import (
+    LAST_CHANNEL,
+    NS,
+    Advance,
+    Edited,
+    EditPlan,
+    Everything,
+    Input,
+    Making,
+    Original,
+    Output,
+    TrackPlace,
+    another,
+    combined,
+    common_period,
+    differing_maps,
+    has_channels,
+    lay_out,
+    level_for,
+    name_of,
+    open_original,
+    opened,
+    refuse_output,
+    ticks_of,
+    with_note,
+)
+from .subset import title
 
 NEVER_CLAMPED = ("RAWB", "LPCX")
 """Counts outside the declared range are errors (RAW-005, EXA-003): a wider one changes none."""
@@ -40,7 +72,7 @@ class Joining:
         self.labels: dict[int, str] = {}
         self.notes: list[str] = []
         self.added: list[tuple[dict[int, int], dict[int, int], range]] = []
-        """Of each file: new ids by old ones, channel numbers by old ones, which ids are new."""
+        """For each file: new ids by old ones, channel numbers by old ones, which ids are new."""
 
     def plan(
         self, number: int, shift: Fraction = Fraction(0), *, only_new: bool = False
@@ -150,7 +182,7 @@ class Joining:
         if residual is not None and theirs is not None:
             mine.append((residual, self.tracks[theirs]))
         alike = (residual is None) == (theirs is None) and all(joinable(a, b) for a, b in mine)
-        # Nobody knows what a TLV that is not known here speaks of.
+        # An unknown TLV may refer to anything.
         if alike and not any(one.unknown for pair in mine for one in pair):
             self.widen(last.id, track)
             return last.id
@@ -310,11 +342,11 @@ def by_epoch(
     """Offsets to the nearest whole ticks, and what that moved."""
     offsets, notes = [], []
     for original, period in zip(originals, periods, strict=True):
-        told = Fraction(epoch_of(original) - epoch_of(first), NS)
-        offset = nearest(told, period)
+        distance = Fraction(epoch_of(original) - epoch_of(first), NS)
+        offset = nearest(distance, period)
         offsets.append(offset)
-        if offset != told:
-            moved = float(offset - told)
+        if offset != distance:
+            moved = float(offset - distance)
             notes.append(f"{original.name}: {moved:+.3g} s from its epoch, to whole ticks")
     return offsets, notes
 
@@ -331,3 +363,250 @@ def check_offset(original: Original, offset: Fraction) -> None:
             f"one: {nearest(offset, period)} s",
             path=original.name,
         )
+
+
+def concat(
+    files: Sequence[Input | Original],
+    out: Output,
+    *,
+    times: Times | None = None,
+    gap: Seconds | None = None,
+    canonical: int | None = None,
+    force: bool = False,
+    progress: Advance | None = None,
+) -> Edited:
+    """Put files one after the other into ``out``.
+
+    Channels are matched by label where every channel has one of its own, else by number. They need
+    the same rate, number format, calibration and unit. Channels that are coded in one track must be
+    so in all files. A channel that a file lacks has a gap there.
+
+    Parts of one recording (the same UUID) keep their times. Else the zero of each file lies at the
+    end of the one before, or ``gap`` seconds after it. It is rounded up to a whole number of ticks
+    of every track. ``times``: "same" keeps the ticks of all files, "epoch" places them as their
+    epochs say, to the nearest whole tick. The epoch is that of the first file.
+
+    Raises as :func:`subset` does, ParameterError also where channels do not go together, or packets
+    of one channel overlap.
+    """
+    check_file_id(canonical)
+    refuse_output(out, force)
+    if not files:
+        raise ParameterError("nothing to concatenate")
+    wait = None if gap is None else exact(gap)
+    if wait is not None and (wait < 0 or times is not None):
+        raise ParameterError(
+            "a gap must not be negative, and is not allowed if the times are known"
+        )
+    with ExitStack() as stack:
+        originals = [stack.enter_context(open_original(file)) for file in files]
+        joining = Joining()
+        for original in originals:
+            original.check_known(list(original.tracks.values()))
+            joining.add(original)
+        if times is None and wait is None and one_recording(originals):
+            times = "same"
+        known, notes = known_offsets(originals, times)
+        head = originals[0].head
+        if times != "same" or not one_recording(originals):
+            head = another(head, Fraction(0), canonical)
+        text = f"concatenated from {', '.join(map(dated, originals))}"
+        metadata = with_note(combined([o.catalogue.metadata for o in originals]), text)
+        level = level_for(
+            list(joining.tracks.values()),
+            *(original.head.limits for original in originals),
+            largest=len(build_metadata(metadata)),
+        )
+        with opened(out, force) as stream:
+            making = Making(stream, head, level=level, canonical=canonical, name=name_of(out))
+            if len(originals) > 1:
+                same = times == "same"
+                making.maps_to_drop = differing_maps(originals) if same else Everything()
+            for note in [*joining.notes, *notes]:
+                making.note(note)
+            for number, original in enumerate(originals):
+                making.describe(original, joining.plan(number, only_new=True))
+            making.metadata(metadata)
+            copy_all(making, originals, joining, known, wait or Fraction(0), progress)
+            return making.close()
+
+
+def known_offsets(
+    originals: Sequence[Original], times: Times | None
+) -> tuple[list[Fraction] | None, list[str]]:
+    """Where the zeros lie; None: each at the end of the file before."""
+    if times == "same":
+        return [Fraction(0)] * len(originals), []
+    if times == "epoch":
+        return by_epoch(originals[0], originals, [period_of(originals)] * len(originals))
+    return None, []
+
+
+def copy_all(
+    making: Making,
+    originals: Sequence[Original],
+    joining: Joining,
+    known: list[Fraction] | None,
+    gap: Fraction,
+    progress: Advance | None,
+) -> None:
+    period = period_of(originals)
+    plans = []
+    for number, original in enumerate(originals):
+        if known is not None:
+            offset = known[number]
+        else:
+            end = making.span[1] + gap if making.span else Fraction(0)
+            offset = -(-end // period) * period
+        making.edited.offsets.append(offset)
+        plans.append(joining.plan(number, offset))
+        making.others(original, plans[-1], behind=False)
+        advance = part_of(progress, number, len(originals))
+        for packets in making.clusters(original, plans[-1], progress=advance):
+            making.put(packets)
+        making.others(original, plans[-1], behind=True)
+    shared = Counter(place.track.id for plan in plans for place in plan.places.values())
+    for original, plan in zip(originals, plans, strict=True):
+        together = {old for old, place in plan.places.items() if shared[place.track.id] > 1}
+        making.partial.setdefault(original, set()).update(together)
+        making.digests(original, plan)
+
+
+def dated(original: Original) -> str:
+    """Its title, and when it was recorded, since only the first epoch is kept."""
+    epoch = original.head.epoch_ns
+    if epoch is None:
+        return title(original)
+    try:
+        moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=epoch // 1000)
+    except OverflowError:
+        return title(original)
+    return f"{title(original)} ({moment.isoformat()})"
+
+
+def part_of(progress: Advance | None, number: int, count: int) -> Advance | None:
+    """The progress of all files, each of which counts the same."""
+    if progress is None:
+        return None
+    return lambda done, total: progress(number * 1000 + done * 1000 // total, count * 1000)
+
+
+def merge(
+    files: Sequence[Input | Original],
+    out: Output,
+    *,
+    times: Times | None = None,
+    offsets: Mapping[int, Seconds] | None = None,
+    prefixes: Sequence[str] | None = None,
+    canonical: int | None = None,
+    force: bool = False,
+    progress: Advance | None = None,
+) -> Edited:
+    """Put the channels of several files side by side into ``out``.
+
+    Files of one recording (the same UUID), or with the same epoch, share their zero of time. Others
+    need ``times``: "same" (their zeros are one moment) or "epoch" (as their epochs say, to the
+    nearest whole tick), or ``offsets``: seconds by the place of the file, whole ticks of each track
+    in it. Channels are numbered on, file by file; ``prefixes``, one for each file, precede
+    their labels and groups. Metadata and attachments of all are kept.
+
+    Raises as :func:`subset` does.
+    """
+    check_file_id(canonical)
+    refuse_output(out, force)
+    if not files:
+        raise ParameterError("nothing to merge")
+    if prefixes is not None and len(prefixes) != len(files):
+        raise ParameterError("one prefix for each file; it may be empty")
+    with ExitStack() as stack:
+        originals = [stack.enter_context(open_original(file)) for file in files]
+        for original in originals:
+            original.check_known(list(original.tracks.values()))
+        line = common_line(originals, times, offsets or {}, canonical)
+        plans = plans_of(originals, line.offsets, prefixes or [""] * len(files))
+        text = f"merged from {', '.join(map(title, originals))}"
+        metadata = with_note(combined([o.catalogue.metadata for o in originals]), text)
+        level = level_for(
+            [place.track for plan in plans for place in plan.places.values()],
+            *(original.head.limits for original in originals),
+            largest=len(build_metadata(metadata)),
+        )
+        with opened(out, force) as stream:
+            making = Making(stream, line.head, level=level, canonical=canonical, name=name_of(out))
+            making.edited.offsets = line.offsets
+            for note in [*line.notes, *collisions(plans)]:
+                making.note(note)
+            for original, plan in zip(originals, plans, strict=True):
+                making.describe(original, plan)
+            making.metadata(metadata)
+            for original, plan in zip(originals, plans, strict=True):
+                making.others(original, plan, behind=False)
+            for packets in interleaved(making, originals, plans, progress):
+                making.put(packets)
+            for original, plan in zip(originals, plans, strict=True):
+                making.others(original, plan, behind=True)
+                making.digests(original, plan)
+            return making.close()
+
+
+def plans_of(
+    originals: Sequence[Original], offsets: Sequence[Fraction], prefixes: Sequence[str]
+) -> list[EditPlan]:
+    plans: list[EditPlan] = []
+    first_track = first_channel = 0
+    for original, offset, prefix in zip(originals, offsets, prefixes, strict=True):
+        kept = {id_: prefixed(track, prefix) for id_, track in original.tracks.items()}
+        plan = lay_out(kept, first_track=first_track, first_channel=first_channel, shift=offset)
+        first_track += len(plan.places)
+        first_channel += len(plan.numbers)
+        plans.append(plan)
+    return plans
+
+
+def prefixed(track: Track, prefix: str) -> Track:
+    if not prefix or not has_channels(track):
+        return track
+
+    def named(c: Component) -> Component:
+        group = prefix + c.group if c.group else ""
+        return replace(c, label=prefix + c.label, group=group)
+
+    return replace(track, components=tuple(map(named, track.components)))
+
+
+def collisions(plans: Sequence[EditPlan]) -> Iterator[str]:
+    """Labels that more than one file has."""
+    labels = Counter(
+        label
+        for plan in plans
+        for label in {
+            component.label
+            for place in plan.places.values()
+            if has_channels(place.track)
+            for component in place.track.components
+        }
+    )
+    twice = sorted(label for label, count in labels.items() if label and count > 1)
+    if twice:
+        yield f"labels that more than one file has: {', '.join(twice)}; prefixes tell them apart"
+
+
+def interleaved(
+    making: Making,
+    originals: Sequence[Original],
+    plans: Sequence[EditPlan],
+    progress: Advance | None,
+) -> Iterator[list[Packet]]:
+    """Clusters of all files in order of time, those of each file in its own order."""
+
+    def timed(number: int) -> Iterator[tuple[Fraction, int, list[Packet]]]:
+        for packets in making.clusters(originals[number], plans[number]):
+            start = min(p.start / making.out.tracks[p.track].rate for p in packets)
+            yield start, number, packets
+
+    total = sum(len(original.refs(None, None)) for original in originals)
+    rows = heapq.merge(*map(timed, range(len(originals))), key=lambda row: row[0])
+    for done, (_, _, packets) in enumerate(rows):
+        yield packets
+        if progress:
+            progress(done + 1, total)

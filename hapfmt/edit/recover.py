@@ -28,16 +28,15 @@ from uuid import UUID
 from ..errors import DAMAGED, HARMLESS, UNSUPPORTED, FormatError, HapfmtError, ParameterError
 from ..files import atomic_write, refusal, refuse, sync_directory, target
 from ..format.cluster import Packet, alone_size
-from ..format.description import Record, build_track, split
 from ..format.extras import build_metadata, parse_attachment, parse_clock, parse_map, parse_metadata
 from ..format.source import SPOOL_SIZE, ByteSource, StreamSource, open_source
-from ..format.track import COMPONENTS, Component, Track, TrackTable
+from ..format.track import COMPONENTS, Component, Record, Track, TrackTable, build_track, split
 from ..format.walk import Chunk, Finding, read_chunk
 from ..format.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, check_file_id
 from ..limits import LAST_TRACK_ID, Limits
 from ..numbers import counted
 from ..reading.catalogue import Catalogue, ChunkRef
-from ..reading.damage import LostSpan, damage_report, told
+from ..reading.damage import LostPart, LostSpan, damage_report, lost_parts, told
 from ..reading.decoder import PieceDecoder, TrackDecoder, TrackDigest
 from ..reading.opening import from_walk, lose_chunk
 from ..reading.packets import PacketPass
@@ -225,8 +224,8 @@ class Extras:
         return header.track == NO_TRACK or header.track in self.tracks
 
     def may_be_copied(self, chunk: Chunk) -> bool:
-        """Of an unknown type: always where nothing else changes; a critical one always, since
-        without it the file would seem to be understood."""
+        """Whether to copy a chunk of an unknown type: always if nothing else changes. A critical
+        chunk is always copied: without it the file would seem to be understood."""
         if chunk.header.payload_size > self.catalogue.level.payload_size:
             return False
         safe = chunk.header.type[3].islower()
@@ -254,15 +253,18 @@ OF_CHUNKS = frozenset({"bad-chunk", "bad-payload", "truncated", "duplicate-chunk
 """Findings with the offset of a chunk."""
 
 
-@dataclass
+@dataclass(repr=False)
 class Recovery:
-    """The data that ``recover`` kept, and the data that it lost."""
+    """The data that ``recover`` kept, and the data that it lost.
+
+    ``summary`` are plain sentences on damage and losses; ``lost`` are the lost parts with
+    ``labels``, ``start`` and ``stop`` in seconds.
+    """
 
     exit_code: int = 0
     findings: list[Finding] = field(default_factory=list)
-    lost: list[LostSpan] = field(default_factory=list)
-    told: list[str] = field(default_factory=list)
-    """Damage and losses, for people."""
+    lost: list[LostPart] = field(default_factory=list)
+    summary: list[str] = field(default_factory=list)
     damage: dict[str, Any] = field(default_factory=dict)
     """The damage report of docs/spec/recovery.md."""
     packets: int = 0
@@ -278,6 +280,19 @@ class Recovery:
     """In place: where the damaged file is now."""
     kept_unknown: list[str] = field(default_factory=list)
     dropped_unknown: list[str] = field(default_factory=list)
+
+    def headline(self) -> str:
+        """The numbers of packets and samples in the new file, and whether anything was lost."""
+        line = f"{counted(self.packets, 'packet')}, {counted(self.samples, 'sample')}"
+        if self.exit_code == DAMAGED:
+            return f"{line}; with loss"
+        open_end = any(each.code == "not-closed" for each in self.findings)
+        return f"{line}; nothing lost{' of what is in the file' if open_end else ''}"
+
+    def __repr__(self) -> str:
+        """What the command line prints."""
+        kept = [f"the damaged file is now {self.kept_as}"] if self.kept_as else []
+        return "\n  ".join([f"Recovery: {self.headline()}", *self.summary, *kept])
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -305,15 +320,16 @@ def recover(
     limits: Limits | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Recovery:
-    """Write all that can be read of ``file`` into a new file that is intact.
+    """Write all readable parts of ``file`` into a new, intact file.
 
-    Packets are copied bit for bit. Packets that do not decode are left out; missing samples stay a
-    gap. ``canonical`` is the file id, otherwise it is random. ``file_id``: of a file with parts of
-    others, which one is read; None: the one that most of it belongs to. An existing path is refused
-    unless ``force``. ``progress`` is called with (clusters done, clusters in all).
+    Packets are copied bit for bit. Packets that do not decode are left out; missing samples become
+    gaps. ``canonical`` is the file id, which is random otherwise. ``file_id``: for a file that
+    contains parts of others, the id of the file to read; None: the one that has most of the bytes.
+    ``force`` replaces an existing file. ``progress`` is called with (clusters done, clusters in
+    all).
 
-    Raises FormatError where ``file`` is not a hapf file at all, UnsupportedError where its version
-    or a feature bit is unknown: then nothing is written.
+    Raises FormatError if ``file`` is not a hapf file at all, and UnsupportedError if its version or
+    a feature bit is unknown. Then nothing is written.
     """
     check_file_id(canonical)
     if isinstance(into, (str, os.PathLike)):
@@ -394,6 +410,7 @@ class Copy:
         self.limits = limits
         self.progress = progress
         self.done = Recovery()
+        self.lost: list[LostSpan] = []
         self.types = {ref.offset: ref.type for ref in catalogue.chunks if ref.known}
         described, self.places = describe(catalogue)
         head = catalogue.head
@@ -428,7 +445,7 @@ class Copy:
         apart = [ref for ref in catalogue.chunks if not (ref.known and ref.type == "DATA")]
         others = deque(sorted(apart, key=lambda ref: ref.sequence or 0))
         bare = [track.base for track in self.places if track.base is not None]
-        done.lost = [LostSpan(base, 0, None) for base in bare]
+        self.lost = [LostSpan(base, 0, None) for base in bare]
         for ref, packets in self.clusters():
             while others and (others[0].sequence or 0) < (ref.sequence or 0):
                 self.extras.copy(others.popleft())
@@ -442,15 +459,16 @@ class Copy:
         done.findings = catalogue.findings
         done.empty_tracks = len(self.places)
         lossy = any(self.costs(finding) for finding in done.findings)
-        if lossy or done.lost or self.places or self.extras.dropped:
+        if lossy or self.lost or self.places or self.extras.dropped:
             done.exit_code = DAMAGED
         elif catalogue.not_understood:
             done.exit_code = UNSUPPORTED
         if done.findings or done.exit_code == DAMAGED:
             write_note(catalogue, self.writer, self.note())
         self.writer.close()
-        done.told = told(catalogue, done.lost)
-        done.damage = damage_report(catalogue, done.lost)
+        done.lost = lost_parts(catalogue, self.lost)
+        done.summary = told(catalogue, self.lost)
+        done.damage = damage_report(catalogue, self.lost)
         done.file_size = self.writer.offset
         return done
 
@@ -462,7 +480,7 @@ class Copy:
         packets = current.packets(dict.fromkeys(self.tracks, EVERYTHING), progress=self.progress)
         for place, group in groupby(packets, lambda p: bisect_right(offsets, p.offset) - 1):
             yield refs[place], list(group)
-        self.done.lost += current.lost
+        self.lost += current.lost
         self.unharmed = current.unharmed
 
     def check(self, packet: Packet) -> bool:
@@ -484,7 +502,7 @@ class Copy:
         except FormatError as error:
             rule = error.requirement or "COD-001"
             self.catalogue.lose("bad-packet", packet.offset, len(packet.data), error.message, rule)
-            self.done.lost.append(LostSpan(packet.track, packet.start, packet.stop))
+            self.lost.append(LostSpan(packet.track, packet.start, packet.stop))
             self.done.undecodable += 1
             return False
         self.done.packets += 1
@@ -495,7 +513,7 @@ class Copy:
     def copy_digests(self) -> None:
         """Copies the checksums that still hold: those of tracks that lost nothing."""
         catalogue = self.catalogue
-        touched = {span.track for span in self.done.lost}
+        touched = {span.track for span in self.lost}
         kept: dict[int, bytes] = {}
         for track, (offset, digest) in self.stored.items():
             if track not in self.tracks:
@@ -535,7 +553,7 @@ class Copy:
         done = self.done
         if done.exit_code != DAMAGED:
             return "recovered; nothing was lost that stood in the file, its end may be missing"
-        lines = told(self.catalogue, done.lost)
+        lines = told(self.catalogue, self.lost)
         if len(lines) > NOTED:
             lines[NOTED:] = [f"and {len(lines) - NOTED} more"]
         kept = f"recovered from a damaged file: {counted(done.packets, 'packet')} kept"
@@ -561,13 +579,13 @@ def recover_in_place(
     limits: Limits | None = None,
     progress: Progress | None = None,
 ) -> Recovery:
-    """Make the file at ``path`` intact, with all that can still be read of it.
+    """Make the file at ``path`` intact, with everything in it that is still readable.
 
-    Where only its end is damaged, or it was not closed, the file itself is repaired. Else a new
-    file is written and takes the name. The damaged one is kept under the same name with
-    ``.damaged`` behind it. An intact file is left alone. The file is locked meanwhile.
+    If only its end is damaged, or it was not closed, the file itself is repaired. Otherwise a new
+    file replaces it, and the damaged one is kept as NAME.damaged. An intact file does not change.
+    The file is locked meanwhile.
 
-    Raises ParameterError where another program writes the file, or NAME.damaged exists.
+    Raises ParameterError if another program writes the file, or NAME.damaged exists.
     """
     name = os.fspath(path)
     with open_live(name):

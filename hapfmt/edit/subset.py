@@ -20,20 +20,25 @@ from ..numbers import exact
 from ..reading.packets import Seconds, tick_range
 from ..reading.reader import BANDS, Band
 from .making import (
+    Advance,
     Edited,
+    Input,
     Making,
+    Original,
     Output,
     another,
+    common_period,
+    has_channels,
     lay_out,
     level_for,
     name_of,
+    open_original,
     opened,
     refuse_output,
     residual_alone,
     slow_alone,
     with_note,
 )
-from .original import Advance, Input, Original, common_period, has_channels, open_original
 
 
 class Window(NamedTuple):

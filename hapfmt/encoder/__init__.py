@@ -6,12 +6,12 @@ The files, in the order of the work:
 * plan.py makes a promise for each channel: a preset is a function from channel to promise.
 * gridded.py puts floating point channels on a grid that the promise allows. lattice.py searches
   the step, with rational.py. exact.py stores floating point channels without a common step, as
-  LPCX or RAWB. linear.py finds channels that are linear in others.
+  LPCX or RAWB, and finds channels that are linear in others.
 * source.py: the axes of one vector; channels in one block, cut into packets.
 * encode.py turns a recording into tracks, packets and decisions. It keeps the lossless form where
   a lossy one is not smaller. unit.py decodes the result and measures the largest errors.
-* bounded.py keeps a bound on every sample: predict.py for LPCR, lengths.py for packet lengths;
-  tubed.py for knots (tube.py, and vectors.py for several axes).
+* bounded.py keeps a bound on every sample: predict.py for LPCR and its packet lengths, tube.py for
+  knots.
 * texture.py keeps a texture to a stated quality: split.py.
 * unit.py is the paper's method: split.py and knots.py.
 * live.py codes blocks as they arrive, with the same functions.

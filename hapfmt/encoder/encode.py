@@ -25,21 +25,24 @@ from ..reading.decoder import TrackDecoder
 from ..recording import Channel, Recording, Span
 from ..threads import in_order, thread_count
 from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
-from .exact import WORDS_REASON, encode_doubles, encode_words, words_size
-from .gridded import Gridded, fine_grid, on_grid, without_odd_values
-from .knots import Coded
-from .lattice import Lattice, sparse
-from .lengths import shorten
-from .linear import (
+from .exact import (
     COSTLY,
     RUN_LIMIT,
+    WORDS_REASON,
     Relation,
+    encode_doubles,
     encode_linear,
+    encode_words,
     find_relations,
     may_have_counts,
     stretches,
+    words_size,
 )
+from .gridded import Gridded, fine_grid, on_grid, without_odd_values
+from .knots import Coded
+from .lattice import Lattice, sparse
 from .plan import Promise, promises_of, vector_promise
+from .predict import shorten
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import ALL, Settings
 from .source import InputBlock, cut, group_units, side_by_side

@@ -39,7 +39,7 @@ _CHUNK = 4096
 """Samples between two decisions for the loop or for the blocks."""
 
 _BLOCK_LIMIT = 1 << 16
-"""Blocks grow to this size where knots are rare, so that little is computed in vain."""
+"""Blocks grow to this size where knots are rare, so that little is computed for nothing."""
 
 
 def select_knots_plain(
@@ -262,7 +262,7 @@ class Coded:
     track: Track
     packets: list[Packet] = field(default_factory=list)
     doubles: list[Sequence[NDArray[np.float64]]] = field(default_factory=list)
-    """Of LPCX: for each packet the exact values [samples] of its components."""
+    """LPCX only: for each packet the exact values [samples] of its components."""
 
     @property
     def size(self) -> int:

@@ -178,7 +178,7 @@ def to_counts(channel: Channel, tolerance: Tolerance | None = None) -> tuple[Cha
             return channel, f"stored as {channel.stored.dtype}: {snapped}"
         found, declared = snapped
         if not found.exact:
-            # Of large values the search rounds products; a verifier takes the nearest count.
+            # The search rounds products of large values; a verifier takes the nearest count.
             found = replace(found, counts=nearest_counts(x, found.calibration))
             deviation = Deviation(declared, found.largest_deviation)
     counts = found.counts.astype(np.int32)  # COUNT_BITS

@@ -5,9 +5,9 @@ makes its track, which is described before its first packet. Where a later block
 track continues the old one. A block is at most as long as one cluster, so that a crash loses no
 more.
 
-The file also holds what the caller declares about a channel before its first sample, and what the
-preset makes of it. The whole recording is not available. So no bound is relative to a range, and
-only the grid of floating point values comes from the samples.
+This module also has the classes in which a caller declares a channel before its first sample. The
+whole recording is not available. So no bound is relative to a range, and only the grid of floating
+point values comes from the samples.
 
 Floating point channels are stored block by block and bit for bit: as counts and corrections, or as
 words. The grid is searched in the first block and then kept. Values off the grid take longer
@@ -16,6 +16,7 @@ corrections. Any binary64 number has one, since places are counted modulo 2^64 (
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -31,15 +32,16 @@ from ..codecs.exact import Counts, Doubles, ExactParameters, Lacking, ordered
 from ..codecs.grids import LpcParameters
 from ..codecs.raw import RawParameters, encode_raw
 from ..deadband import Deadband
-from ..errors import ParameterError
+from ..errors import DataWarning, ParameterError
 from ..format.cluster import Packet
-from ..format.tlv import encode_text
 from ..format.track import Affine, Component, Contract, Track
+from ..format.wire import encode_text
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level
 from ..numbers import exact
 from ..reading.decoder import TrackDecoder
 from ..reading.verifier import nearest_counts
 from ..recording import Calibration, Channel, Deviation, Span
+from ..units import unknown_unit
 from .bounded import contract_for, scalar_ways
 from .exact import beside_counts, natural_candidate
 from .gridded import grid_within, nearest
@@ -59,9 +61,10 @@ COUNT_BITS = range(2, 33)
 class Input:
     """One channel to be recorded.
 
-    ``rate``: ticks per second, a positive Fraction. With a ``calibration`` integer counts of
-    ``bits`` signed bits come in. With an ``lsb``, the step in ``unit``, floats come in and are put
-    on its multiples: half of it is declared as deviation. With neither floats are kept bit for bit.
+    ``rate``: ticks per second, a positive Fraction. With a ``calibration`` the samples are
+    integers of ``bits`` signed bits. Without one they are floats in ``unit``. An ``lsb`` is a step
+    in ``unit``: floats are rounded to its multiples, and the file declares half of it as deviation.
+    Without ``lsb`` floats are kept bit for bit.
     """
 
     label: str
@@ -81,6 +84,8 @@ class Input:
         for text in (self.label, self.unit, self.quantity, self.axis, self.group, self.body_site):
             encode_text(text)
         encode_text(self.device)
+        if (note := unknown_unit(self.unit, kept=self.unit)) is not None:
+            warnings.warn(note, DataWarning, stacklevel=3)
         if self.rate <= 0:
             raise ParameterError(f"the rate of {self.label!r} is positive")
         if self.bits not in COUNT_BITS:
@@ -92,7 +97,7 @@ class Input:
 
     @property
     def takes_counts(self) -> bool:
-        """Whether integer counts come in, else floats."""
+        """True if the samples are integer counts, False if they are floats."""
         return self.calibration is not None
 
 
@@ -641,7 +646,7 @@ class LiveEncoder:
         return tracks, sorted(packets, key=attrgetter("track", "start"))
 
     def encoder_of(self, block: Block) -> ChannelEncoder:
-        """Of a channel; a new one by its first block."""
+        """The encoder of a channel; the first block of a channel makes it."""
         found = self.encoders.get(block.channel)
         if found is None:
             plan = plan_input(block.input, self.settings)

@@ -261,7 +261,7 @@ ROUNDS = 32
 rest is for what is not evenly spread."""
 
 HALVINGS = 32
-"""Of the step's interval, which is a few times wider than what the noise leaves of it."""
+"""How often the step's interval is halved. It is a few times wider than the noise requires."""
 
 
 class Ratio(NamedTuple):

@@ -71,7 +71,7 @@ LOUD = 1 << 12
 rest."""
 
 MOST_TOLD = 0.999
-"""Of a channel's energy by others."""
+"""Largest share of a channel's energy that other channels may explain."""
 
 WORTH = 0.004
 """Bits a sample that a further reference has to save."""
@@ -301,7 +301,7 @@ class SampleView:
 
     @property
     def settled(self) -> NDArray[np.bool_]:
-        """Of which the prediction errors tell something."""
+        """The places whose prediction errors are known well enough."""
         at = np.arange(self.places.size)
         since = at - np.maximum.accumulate(np.where(self.torn, at, 0))
         return np.asarray((since >= SETTLING) & ~np.append(self.torn[1:], True))

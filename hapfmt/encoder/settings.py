@@ -213,27 +213,53 @@ INPUT_SIZE = 300
 
 @dataclass(frozen=True)
 class Settings:
-    """Choices of the encoder; none of them is needed to decode.
+    """Choices of the encoder. A decoder needs none of them.
 
-    An option that the preset does not use is refused. Amounts may be given as their texts
-    ("0.2%", "1lsb", "10mN"), numbers as any number.
+    An option that the preset does not use raises ParameterError. Amounts may be texts ("0.2%",
+    "1lsb", "10mN"). Numbers may have any type of number.
 
-    preset: "lossless", "near-lossless", "perceptual" or "paper". max_error: the largest error of
-    near-lossless channels [0.1 % of the range]. k: the Weber fraction. floor: the absolute
-    threshold of the deadband; of preset paper None means 10 mN for forces, a share of the range
-    for other units. felt: labels or numbers of the channels that Weber's law is for, ("all",) for
-    every channel; None: by quantity. texture: keep what lies above the split frequency. snr:
-    its quality in dB; None: 20 dB, but errors below the threshold are allowed. bits: the paper's
-    range-derived quantiser (0: no HF track). step: explicit step of the paper's residual.
-    cutoff_hz: the split frequency. cluster: seconds (None: as the preset needs). tolerance: for
-    experts, how far the grid of floating point channels may be from the values. interpolation of
-    the paper's knots. digest: write SHA-256 of the decoded tracks.
-    vectors: "required" raises where channels of one group cannot be coded as one vector,
-    "possible" codes them apart. references: channels that resemble each other may share a track,
-    each predicted from those before it; one lost packet then takes all of them along, and to read
-    one all are decoded. fast: lossless with less search for predictors, for a few percent of size.
-    smallest: channels whose lossless form is smaller are lossless; False, where a method is to be
-    measured or heard: the lossy form whatever its size.
+    preset
+        "lossless", "near-lossless", "perceptual" or "paper".
+    max_error
+        near-lossless: the largest error of a sample [0.1 % of the channel's range].
+    k
+        perceptual, paper: the Weber fraction, from 0 to 1.
+    floor
+        perceptual, paper: the absolute threshold of the deadband. None, paper: 10 mN for forces, a
+        share of the range for other units.
+    felt
+        perceptual: labels or numbers of the channels that Weber's law holds for, or ("all",).
+        None: the quantity of each channel decides.
+    texture
+        perceptual: whether to keep the part above the split frequency.
+    snr
+        perceptual: signal-to-noise ratio of the texture in dB. None: 20 dB, but errors below the
+        absolute threshold are allowed.
+    bits
+        paper: bits of its quantiser, whose range comes from the signal; 0: no HF track.
+    step
+        paper: step of the residual, in place of ``bits``.
+    cutoff_hz
+        the split frequency in Hz.
+    cluster
+        length of a cluster in seconds; None: chosen by preset and rate.
+    tolerance
+        for experts: largest distance of the grid from floating point values.
+    interpolation
+        paper: how knots are joined.
+    digest
+        write SHA-256 of the decoded tracks.
+    vectors
+        "required" raises ParameterError where the channels of one group cannot be coded as one
+        vector. "possible" codes them separately.
+    references
+        channels that resemble each other may share a track, each predicted from those before it.
+        Then a lost packet affects all of them, and reading one decodes all.
+    fast
+        lossless: search less for predictors; files are a few percent larger.
+    smallest
+        keep the lossless form of a channel where it is smaller. False keeps the lossy form, for
+        measurements of a method.
     """
 
     preset: Preset = "lossless"
@@ -293,7 +319,7 @@ class Settings:
 
     @classmethod
     def of(cls, preset: str = "lossless", **given: Any) -> Settings:
-        """The preset's settings with those that are given and not None in their place.
+        """Settings of a preset. Options that are given and not None replace its defaults.
 
         Old names of presets still work, with a DeprecationWarning: see ALIASES.
         """
@@ -321,8 +347,10 @@ class Settings:
         return max(seconds, Fraction(ceil(LEAST_TICKS / fastest)))
 
     def describe(self) -> str:
-        """For the file's metadata: the preset and what departs from it, as the command line says
-        it."""
+        """The preset and the options that differ from it, in the words of the command line.
+
+        The file's metadata contain this text.
+        """
         departs = [
             f"--{option} {written(getattr(self, name))}"
             for name, option in OPTIONS.items()

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ParameterError
-from ..format.lists import round_up
-from ..format.track import COMPONENTS, Affine, Component, Track
+from ..format.track import COMPONENTS, Affine, Component, Track, round_up
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT
 from ..reading.verifier import nearest_counts
 from ..recording import Calibration, Channel, Deviation, Span

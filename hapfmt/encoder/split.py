@@ -167,7 +167,7 @@ def _gain_for_telling(n: int, ratio: float) -> NDArray[np.float64]:
 
 
 def _gain(n: int, ratio: float, filter: Filter) -> NDArray[np.float64]:
-    """Of both passes together, at the n frequencies of a cosine transform of type 1."""
+    """The gain of both passes together, at the n frequencies of a cosine transform of type 1."""
     frequency = np.arange(n) / (2 * (n - 1))
     # 1e-280 and 1e30 keep the powers below finite; the gain there is 1 or far below one rounding.
     cutoff = tan(pi * _pass_cutoff(max(ratio, 1e-280), filter))

@@ -28,7 +28,7 @@ from ..format.track import Component, Contract, Track
 from ..limits import EXACT_LIMIT, ZERO_LIMIT
 from ..numbers import clamp
 from ..recording import Calibration, Channel
-from .bounded import code_grid, encode_bounded, encode_lossless
+from .bounded import code_grid, code_lines, encode_bounded, encode_lossless
 from .gridded import nearest_uniform
 from .knots import Coded
 from .lattice import on_uniform_grid
@@ -36,7 +36,6 @@ from .plan import Promise, without_glitches
 from .predict import encode_best
 from .source import InputBlock, declared_range
 from .split import PADDING_PERIODS, slow_for_telling
-from .tubed import code_lines
 from .unit import (
     ENCODE_LEVEL,
     STEP_LIMIT,
@@ -53,13 +52,13 @@ STRETCH = 1 << 18
 """Samples that are filtered at a time."""
 
 HALVINGS = 12
-"""Of the interval that the widest step with the wanted quality lies in."""
+"""How often the interval of the widest step with the wanted quality is halved."""
 
 FINER = 32
 """The fewest counts of a step: rounding it to whole counts then costs little quality."""
 
 RESOLVED = 1e-12
-"""Of the largest value: what rounding leaves of a slow part that is the signal itself."""
+"""Share of the largest value that rounding leaves where the slow part is the signal itself."""
 
 NARROWER, TRIES = 0.8, 16
 """Each try multiplies the step by NARROWER, until the slow part keeps its deadband."""
@@ -74,7 +73,7 @@ class FeltChannel:
     allowed: Doubles
     floor: float
     power: float
-    """Of what lies above the split frequency."""
+    """Power of the part above the split frequency."""
 
     mse: float
     """The largest mean squared error."""
@@ -104,8 +103,7 @@ class FeltChannel:
 
     @property
     def beyond_doubles(self) -> bool:
-        """Whether the quality asks for errors that float64 hardly resolves at the size of the
-        values."""
+        """Whether the quality asks for errors near the resolution of float64 at these values."""
         return self.mse <= (RESOLVED * float(np.abs(self.x).max(initial=0.0))) ** 2
 
     @property
@@ -220,7 +218,7 @@ def encode_whole(
 def whole_counts(
     felt: FeltChannel, original: Channel, first_channel: int, step: float, smallest: int | None
 ) -> Unit | None:
-    """Of a channel of counts: a step of whole counts, finer ones where the step is but a few."""
+    """The form of a channel of counts: a step of whole counts, or a finer one if it is a few."""
     calibration = original.calibration
     assert calibration is not None
     counts = step / float(abs(calibration.step))

@@ -51,7 +51,7 @@ WIDE = 4
 number."""
 
 DIRECT_LEVELS = (0, 1, 2, 3, 5, 7, 11, 15, 23, 31, 47, 63, 127, 255, 511, 1023)
-"""Values of M that are tried: between them the size of a packet hardly changes (below 0.3 %)."""
+"""Values of M that are tried: values between them change the size by less than 0.3 %."""
 
 
 def choose_codebook(pieces: list[NDArray[np.int64]], step: int) -> QuanParameters:
@@ -166,7 +166,7 @@ class Unit:
     """One line on the grid of ``channels``."""
 
     least: float = 0.0
-    """Bits that the channels hardly stay below without loss; 0: not known."""
+    """A lower estimate of the bits of the channels without loss; 0: not known."""
 
     saved: int = 0
     """Bytes that channels take less in one track than apart."""
@@ -492,8 +492,9 @@ def decoded_pieces(unit: Unit) -> Iterator[NDArray[np.int64]]:
 def largest_errors(
     unit: Unit, members: Sequence[Channel], originals: Sequence[Channel]
 ) -> list[float]:
-    """Of each channel the largest distance of a decoded sample from the recorded one, in its
-    unit. AssertionError where a guaranteed contract is broken."""
+    """The largest error of a decoded sample in each channel, in the channel's unit.
+
+    Raises AssertionError where a guaranteed contract is broken."""
     if unit.exact:
         # Counts that came as counts came back; of others the grid is all that was lost.
         return [

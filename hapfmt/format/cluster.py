@@ -15,7 +15,7 @@ from .wire import crc32
 
 CRC_SIZE = 4
 MOST_BYTES = 6
-"""Of one field in a row (SPEC DAT-001)."""
+"""Most bytes of one field in a row (SPEC DAT-001)."""
 ROW_ROOM = 20
 """Bytes of a row at most, if its fields keep the limits of level 2."""
 HEAD_ROOM = 35

@@ -217,7 +217,7 @@ class FileSource:
 class MappedSource:
     """A file in the address space: pages are read by the system when they are touched.
 
-    Only for a file that nobody cuts meanwhile: to touch a page beyond its end kills the process
+    Only for a file that no program cuts meanwhile: to touch a page beyond its end kills the process
     (SIGBUS), and no program can catch that as an error.
     """
 
@@ -293,6 +293,10 @@ def open_source(
         return BytesSource(bytes(file))
     if isinstance(file, (str, os.PathLike)):
         return source_of(Path(file).open("rb"), os.fspath(file), owned=True)
+    if not hasattr(file, "read"):
+        raise ParameterError(
+            f"a file is a path, a URL, bytes or a binary stream, not a {type(file).__name__}"
+        )
     name = getattr(file, "name", None)
     return source_of(file, name if isinstance(name, str) else None, owned=False)
 

@@ -22,7 +22,7 @@ from .wire import (
 
 FIRST_BLOCK, BLOCK_SIZE = 1 << 8, 1 << 16
 """Bytes per block when scanning for a header: the size doubles from the first to the second.
-Headers close to one another thus cost little."""
+So headers close to one another cost little."""
 
 TABLE_WORK = 8
 """Reading the table of a damaged cluster costs at most 8 times the CRC of its payload."""
@@ -224,7 +224,7 @@ class Strangers:
         """No byte is searched twice: chunks may lie in chunks."""
 
     def within(self, start: int, stop: int) -> Iterator[Finding]:
-        """Of the headers that begin within these bytes."""
+        """The findings of the headers that begin within these bytes."""
         position = find_header(self.source, max(start, self.searched), None)
         self.searched = max(self.searched, stop)
         while position is not None and position < stop:

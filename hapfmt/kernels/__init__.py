@@ -2,10 +2,10 @@
 
 The twins run if the environment has ``HAPFMT_PURE=1``, or if a C source is newer than the build.
 This module declares the types of the C functions. Each .c file has the functions of one codec or
-search, and names its twin. Of codecs/: lpcr, knots, knots_coded, huffman (QUAN), exact (LPCX) and
-levels (grids). Of encoder/: select, tube, sweep, links, quick, vectors and live (many packets in
-one call). Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the
-one before. lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
+search, and names its twin. Those of codecs/ are lpcr, knots, knots_coded, huffman (QUAN), exact
+(LPCX) and levels (grids). Those of encoder/ are select, tube, sweep, links, quick and vectors.
+Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the one before.
+lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
 """
 
 from __future__ import annotations
@@ -344,7 +344,7 @@ def load() -> Kernels | None:
 
 
 def is_stale(built: Path) -> bool:
-    """Whether a source beside the extension was changed after it was built. Only a clone has
+    """Whether a source next to the extension was changed after it was built. Only a clone has
     sources there, and an editable installation uses these."""
     time = built.stat().st_mtime_ns
     with os.scandir(built.parent) as entries:

@@ -14,7 +14,7 @@ static const int64_t BOUND = (int64_t)1 << 33;
 typedef struct {
     /* Symbol << 8 | bits of its code word; 0: it is longer. */
     uint32_t table[ENTRIES];
-    /* Of each length: the first code word, aligned to 15 bits, the end, and its place in order. */
+    /* For each length: the first code word, aligned to 15 bits, the end, and its place in order. */
     uint32_t first[LENGTHS + 1], end[LENGTHS + 1], place[LENGTHS + 1];
     uint32_t codes[SYMBOLS];
     uint16_t order[SYMBOLS];

@@ -2,7 +2,7 @@
 #include "kernels.h"
 
 #if defined(__GNUC__)
-/* Of the headers, not all is needed here. */
+/* Not every function of the headers is used here. */
 #pragma GCC diagnostic ignored "-Wunused-function"
 #endif
 

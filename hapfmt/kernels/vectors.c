@@ -1,5 +1,5 @@
 /* Few lines for all axes of a vector, their knots on one clock; the readable twin, step for step, is
-   hapfmt/encoder/vectors.py. Each axis has a search of its own; the way that goes on is the first of
+   hapfmt/encoder/tube.py. Each axis has a search of its own; the way that goes on is the first of
    its generation. */
 #include "links.h"
 #include <stdlib.h>
@@ -46,7 +46,7 @@ static int32_t stop_of(const search *axes, int count, int now, int i, int *slow)
 
 enum { STEPS = CANDIDATES + 2 * SLACK };
 
-/* Ticks for the next knots, best first; the last of them can be reached whatever happens. */
+/* Ticks for the next knots, best first; the last of them can always be reached. */
 static int candidates(search *s, int now, int32_t last, int32_t begin, int32_t *ticks)
 {
     int32_t enough, step = (last - begin) / SLACK > 1 ? (last - begin) / SLACK : 1;

@@ -14,19 +14,21 @@ from typing import Any, NamedTuple, TypeVar
 
 from ..errors import HARMLESS, FormatError, TruncatedError, UnsupportedError, verdict_of
 from ..format.cluster import parse_rows, parse_table_head
-from ..format.description import described_size, parse_description
 from ..format.extras import (
+    FIRST_OFFSET,
+    NS_LIMIT,
     Attachment,
     ClockMap,
     ClockObservation,
+    Foot,
     parse_attachment,
     parse_clock,
+    parse_foot,
     parse_map,
     parse_metadata,
 )
-from ..format.index import FIRST_OFFSET, NS_LIMIT, Foot, parse_foot
 from ..format.source import ByteSource
-from ..format.track import Contract, Track, TrackTable
+from ..format.track import Contract, Track, TrackTable, described_size, parse_description
 from ..format.walk import Chunk, Finding, header_at, read_chunk
 from ..format.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
 from ..limits import LEVELS, Level, Limits
@@ -116,7 +118,7 @@ class ChannelRef:
 
     @property
     def tracks(self) -> list[Track]:
-        """Of all parts."""
+        """The tracks of all parts."""
         return [track for part in self.parts for track in part.tracks]
 
     @property
@@ -403,7 +405,7 @@ class Catalogue:
                     requirement="DAT-008",
                     offset=chunk.payload_offset + row.offset,
                 )
-            # Of integers: fractions take longer than the samples of a short packet.
+            # With integers: fractions take longer than the samples of a short packet.
             rate, tick_ns = track.rate.numerator, track.rate.denominator * 10**9
             start, stop = row.start * tick_ns // rate, -(-row.stop * tick_ns // rate)
             first = start if first is None else min(first, start)

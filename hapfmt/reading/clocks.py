@@ -34,7 +34,7 @@ LATE_SHARE = 0.1
 BETTER = 0.99
 """More lines are taken where they are better by one in a hundred."""
 ROUNDS = 12
-"""Of reweighting: each halves what is left to move, at least."""
+"""Rounds of reweighting: each at least halves the remaining move."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def residuals(
 
 
 def summarise(observations: Sequence[ClockObservation], rate: Fraction) -> ClockSummary:
-    """Of one clock on one track, in any order."""
+    """The summary of one clock on one track; the observations may have any order."""
     ordered = sorted(observations, key=lambda seen: seen.tick)
     x, y = residuals(ordered, rate)
     slope, height = line_through(x, y, weights_of(ordered))
@@ -194,7 +194,7 @@ def sharpest(y: NDArray[np.float64], *, late: bool) -> int:
 
 
 class ClockStretch(NamedTuple):
-    """Of one stretch: seconds, nanoseconds ahead, weights, all [observations]."""
+    """One stretch: seconds, nanoseconds ahead, weights, all [observations]."""
 
     x: NDArray[np.float64]
     y: NDArray[np.float64]

@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from ..errors import HARMLESS, FormatError
-from ..format.index import MS_LIMIT, IndexEntry, parse_index
+from ..format.extras import MS_LIMIT, IndexEntry, parse_index
 from ..format.track import Track
 from ..format.walk import Finding, read_chunk
 from .catalogue import Catalogue, ChannelRef
@@ -23,7 +23,7 @@ ANYWHERE = 1 << 63
 
 
 class Times(NamedTuple):
-    """Milliseconds that lost packets lie within; ``stop`` None: nobody knows how long."""
+    """Milliseconds that contain lost packets; ``stop`` None: the end is unknown."""
 
     start: int = 0
     stop: int | None = None
@@ -153,6 +153,8 @@ def ticks(times: Times, rate: Fraction) -> tuple[int, int | None]:
 
 SHOWN = 4
 """Channels named in a line."""
+OF_PAYLOADS = ("bad-table", "bad-packet", "overlap")
+"""Findings within a chunk."""
 SHORTEST = Fraction(1, 10**9)
 """Seconds."""
 WORDS = {
@@ -245,6 +247,41 @@ def channels_json(
     return out
 
 
+class LostPart(NamedTuple):
+    """A part of channels that damage took, in seconds; ``stop`` None: up to an unknown end, both
+    None: of an unknown rate."""
+
+    labels: tuple[str, ...]
+    start: float | None
+    stop: float | None
+
+
+def lost_parts(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[LostPart]:
+    """The spans by label and seconds."""
+    channels, found = by_track(catalogue), []
+    for span in lost:
+        track = catalogue.tracks.get(span.track)
+        names = [ref.label or f"channel {ref.number}" for ref in channels.get(span.track, [])]
+        names = names or [name_of(track) if track else f"track {span.track}"]
+        known = span_json(catalogue, span, [])
+        found.append(LostPart(tuple(names), known["start_s"], known["stop_s"]))
+    return found
+
+
+def damaged_areas(findings: Iterable[Finding]) -> list[tuple[int, int]]:
+    """The bytes that damage took; areas that touch become one. A chunk with a wrong checksum counts
+    with its damaged packets alone, since the others can be read."""
+    found = [f for f in findings if f.code not in HARMLESS]
+    inner = sorted(f.offset for f in found if f.code in OF_PAYLOADS)
+    areas = []
+    for each in found:
+        stop = each.offset + each.size
+        within = bisect_left(inner, stop) - bisect_right(inner, each.offset)
+        if each.code != "bad-payload" or not within:
+            areas.append((each.offset, stop))
+    return [*joined(sorted(areas))]
+
+
 def damaged_bytes(findings: Iterable[Finding], size: int) -> int:
     places = sorted((f.offset, min(f.offset + f.size, size)) for f in findings if f.size)
     return sum(stop - start for start, stop in joined(places))
@@ -270,9 +307,10 @@ def told(catalogue: Catalogue, lost: Sequence[LostSpan]) -> list[str]:
     found = [finding for finding in catalogue.findings if finding.code not in HARMLESS]
     if found:
         kinds = dict.fromkeys(WORDS.get(finding.code, finding.code) for finding in found)
-        areas = sum(1 for _ in joined(sorted((f.offset, f.offset + f.size) for f in found)))
-        places = "1 place" if areas == 1 else f"{areas} places"
-        size = damaged_bytes(found, catalogue.source.size)
+        areas = damaged_areas(found)
+        places = "1 place" if len(areas) == 1 else f"{len(areas)} places"
+        end = catalogue.source.size
+        size = sum(min(stop, end) - min(start, end) for start, stop in areas)
         lines.append(f"damage in {places}, {size} bytes: {', '.join(kinds)}")
     lines += [f"{each.message} (--file-id)" for each in found if each.code == "other-file"]
     losses = lost_lines(catalogue, lost)
@@ -280,8 +318,8 @@ def told(catalogue: Catalogue, lost: Sequence[LostSpan]) -> list[str]:
     if found and not losses:
         lines.append("no sample is known to be lost")
     if not catalogue.closed:
-        end = float(last_known(catalogue, lost))
-        lines.append(f"the file was not closed; what came after {end:.6g} s is unknown")
+        last = float(last_known(catalogue, lost))
+        lines.append(f"the file was not closed; what came after {last:.6g} s is unknown")
     return lines
 
 
@@ -367,7 +405,7 @@ def seconds_lost(
 
 
 def name_of(track: Track) -> str:
-    """Of a track that is part of no channel."""
+    """The name of a track that is part of no channel."""
     if track.kind == "events" and track.components and track.components[0].label:
         return f"events {track.components[0].label}"
     return "events" if track.kind == "events" else f"track {track.id}"

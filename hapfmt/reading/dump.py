@@ -14,11 +14,16 @@ from uuid import UUID
 from ..codecs.events import parse_events
 from ..errors import FormatError, HapfmtError, LimitError
 from ..format.cluster import Packet, parse_cluster, parse_table_head, salvage_cluster
-from ..format.description import parse_description
-from ..format.extras import parse_attachment, parse_clock, parse_map, parse_metadata
-from ..format.index import parse_foot, parse_index
+from ..format.extras import (
+    parse_attachment,
+    parse_clock,
+    parse_foot,
+    parse_index,
+    parse_map,
+    parse_metadata,
+)
 from ..format.source import ByteSource
-from ..format.track import Component, Track
+from ..format.track import Component, Track, parse_description
 from ..format.walk import Chunk, Finding, walk
 from ..format.wire import HEADER_SIZE, SIGNATURE, parse_head
 from ..limits import Limits

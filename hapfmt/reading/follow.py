@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from ..errors import FormatError, ParameterError
 from ..files import Closing
 from ..format.cluster import Packet, parse_cluster, salvage_cluster
-from ..format.index import FIRST_OFFSET
+from ..format.extras import FIRST_OFFSET
 from ..format.source import is_url, open_source
 from ..format.track import Track
 from ..format.walk import Chunk, Finding, header_at, read_chunk, walk
@@ -27,19 +27,20 @@ from .opening import learn_checkpoint, lose_chunk, no_signature
 from .packets import PacketPass, Seconds, tick_range
 
 if TYPE_CHECKING:
-    from .channels import Band
-    from .decoder import DecodedPiece, TrackDecoder
+    from .decoder import Band, DecodedPiece, TrackDecoder
 
 INTERVAL = 0.2
 """Seconds between two looks at the file."""
 
 
 class Follower(Closing):
-    """Follows a file until it is closed, ``timeout`` seconds bring nothing, ``until(self)`` is
-    true, or ``stop()`` is called.
+    """Reads a file that still grows.
 
-    Where the file is replaced, or cut to less than was read, it is followed from its beginning:
-    ``restarts`` counts that. ``findings`` of the catalogue tell damage, and nothing of the end.
+    It ends when the file is closed, after ``timeout`` seconds without news, when ``until(self)`` is
+    true, or after :meth:`stop`. It looks every ``interval`` seconds.
+
+    A file that is replaced or shortened is read again from its start; ``restarts`` counts that.
+    ``findings`` of the catalogue list damage, but not the incomplete end.
     """
 
     def __init__(
@@ -68,7 +69,7 @@ class Follower(Closing):
         self.stamp = None
 
     def begin(self) -> None:
-        """At the first byte of the file that has the name now."""
+        """Open the file that has the name now, and start at its first byte."""
         if not Path(self.path).is_file() and Path(self.path).exists():
             raise ParameterError(f"{self.path} is not a file that could grow")
         self.source = open_source(self.path)
@@ -88,7 +89,7 @@ class Follower(Closing):
         self.source.close()
 
     def stop(self) -> None:
-        """Ends the following, from any thread."""
+        """End the iterators; may be called in any thread."""
         self.stopped.set()
 
     @property
@@ -97,11 +98,11 @@ class Follower(Closing):
 
     @property
     def channels(self) -> list[ChannelRef]:
-        """As far as they are described."""
+        """The channels that are described so far."""
         return self.catalogue.channels
 
     def chunks(self) -> Iterator[Chunk]:
-        """Every chunk from here on, as it is complete, to the end of the following."""
+        """Every further chunk as soon as it is complete, until the follower ends."""
         quiet_from = time.monotonic()
         while True:
             for chunk in self.poll():
@@ -115,7 +116,7 @@ class Follower(Closing):
             self.stopped.wait(self.interval)
 
     def poll(self) -> Iterator[Chunk]:
-        """Chunks that were completed since the last look."""
+        """The chunks that were completed since the last call."""
         if not self.look() or not self.start():
             return
         findings: list[Finding] = []
@@ -133,7 +134,7 @@ class Follower(Closing):
             waiting = []
 
     def look(self) -> bool:
-        """Whether the file is another than at the last look."""
+        """True if the file has changed since the last call."""
         try:
             status = Path(self.path).stat()
         except FileNotFoundError:
@@ -160,7 +161,7 @@ class Follower(Closing):
         return True
 
     def start(self) -> bool:
-        """Whether the file has its first chunk."""
+        """True if the first chunk of the file is complete."""
         if self.file_id is not None:
             return True
         begins = self.source.read_at(0, len(SIGNATURE))
@@ -186,7 +187,7 @@ class Follower(Closing):
         self.stop_ns = max((ref.stop_ns or 0 for ref in catalogue.data), default=0)
 
     def learn(self, chunk: Chunk) -> None:
-        """Take in a chunk; what of its payload is needed later is in the catalogue."""
+        """Add a chunk to the catalogue, with the parts of its payload that are needed later."""
         self.last = Chunk(chunk.header, chunk.offset, b"", chunk.intact)
         self.catalogue.foot = None
         ref = None
@@ -211,10 +212,10 @@ class Follower(Closing):
         band: Band = "full",
         exact: bool = False,
     ) -> Iterator[DecodedPiece]:
-        """Decoded packets as they come; ``start``: from this second on, None: what is new only.
+        """Decoded packets as they arrive. ``start``: from this second on; None: only new ones.
 
-        Channels that are not described yet, by label or number, are waited for; None: all, those
-        too that come late, and events.
+        ``channels``: labels or numbers; it waits for those that are not described yet. None: all
+        channels and events, also those that are added later.
         """
         wanted = WantedPackets(self, channels, band, exact, start)
         if start is None:
@@ -228,7 +229,7 @@ class Follower(Closing):
                     yield from wanted.decode(packet)
 
     def past(self, wanted: WantedPackets, start: Seconds) -> Iterator[DecodedPiece]:
-        """From the clusters that the index lists."""
+        """Decoded packets of the clusters in the index, from second ``start`` on."""
         if self.last is None:
             return
         ranges = {track.id: tick_range(track.rate, start, None) for track in wanted.tracks()}
@@ -278,7 +279,7 @@ class WantedPackets:
 
     def tracks(self) -> list[Track]:
         """As far as they are described."""
-        from .channels import wanted_tracks
+        from .decoder import wanted_tracks
 
         chosen = [
             ref

@@ -13,8 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from ..errors import HARMLESS, FormatError, HapfmtError, UnsupportedError
-from ..format.description import check_range
-from ..format.index import (
+from ..format.extras import (
     FIRST_OFFSET,
     INDEX_EVERY,
     Index,
@@ -25,7 +24,7 @@ from ..format.index import (
     parse_index,
 )
 from ..format.source import ByteSource, is_url
-from ..format.track import unsupported_track
+from ..format.track import check_range, unsupported_track
 from ..format.walk import Chunk, Finding, header_at, identify, read_chunk, walk
 from ..format.wire import HEADER_SIZE, SIGNATURE, SYNC
 from ..limits import LEVELS, Limits

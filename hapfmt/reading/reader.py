@@ -18,7 +18,6 @@ from ..errors import (
     channels_called,
     verdict_of,
 )
-from ..events import Event
 from ..files import Closing
 from ..format.cluster import Packet
 from ..format.extras import Attachment, ClockMap, ClockObservation
@@ -28,12 +27,22 @@ from ..format.walk import Chunk, Finding, read_chunk
 from ..limits import Limits
 from ..numbers import counted
 from ..numbers import exact as exact_number
-from ..recording import Recording
+from ..recording import Event, Recording
 from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
-from .channels import BANDS, Assembly, Band, Decoded, events_of, wanted_tracks
-from .damage import LostSpan
-from .decoder import DecodedPiece, PieceDecoder, TrackDecoder, TrackDigest
+from .damage import LostSpan, damaged_areas
+from .decoder import (
+    BANDS,
+    Assembly,
+    Band,
+    Decoded,
+    DecodedPiece,
+    PieceDecoder,
+    TrackDecoder,
+    TrackDigest,
+    events_of,
+    wanted_tracks,
+)
 from .opening import lose_chunk, open_catalogue
 from .packets import BATCH, Batch, PacketPass, Seconds, batches, tick_range
 
@@ -111,20 +120,30 @@ more is decoded alone."""
 
 
 class Reader(Closing):
-    """Opens a path, a URL, bytes, or a binary stream.
+    """Reads a hapf file: a path, a URL, bytes, or a binary stream.
 
-    Damage raises nothing by itself: intact parts are delivered, ``findings`` and ``lost`` list the
-    damage. ``strict=True`` raises at the first damage instead. Bytes that break a rule
-    although their checksums hold raise FormatError either way. ``scan=True`` walks through the
-    whole file at once, which a read of everything does anyway. ``threads`` decode; None: as many as
-    HAPFMT_THREADS says, else as there are CPUs, one where the work is small.
+    Damage raises no error: the reader delivers intact parts, and ``findings`` and ``lost`` list
+    the damage. Bytes that break a rule although their checksums hold raise FormatError.
 
-    ``mapped``: a local file as a mapping, which saves copies; if somebody cuts the file meanwhile,
-    the process dies. A text with :// or :: in front is a URL for fsspec (extra "remote"), of which
-    only what is needed is read; ``spool``: the whole of it, first.
+    limits
+        what the file may use; more raises LimitError.
+    strict
+        raise an error at the first damage.
+    threads
+        number of threads that decode. None: HAPFMT_THREADS, else the number of CPUs; one thread for
+        small files.
+    scan
+        walk through the whole file when it is opened. Reading all of it does that anyway.
+    mapped
+        map a local file into memory, which saves copies. The process dies if another program
+        shortens the file meanwhile.
+    spool
+        for URLs: fetch the whole file first, not only the parts that are read.
+    file_id
+        for a file that contains parts of others: the id of the file to read. None: the one that has
+        most of the bytes. The finding *other-file* names the ids.
 
-    ``file_id``: of a file with parts of others, which one is read; None: the one that most of it
-    belongs to. A finding *other-file* names the ids.
+    A text with :// or :: is a URL for fsspec (extra "remote").
     """
 
     def __init__(
@@ -147,10 +166,10 @@ class Reader(Closing):
         self.lost: list[LostSpan] = []
         try:
             self.catalogue: Catalogue = self.opened(scan=scan)
+            self.refuse_damage()
         except BaseException:
             self.source.close()
             raise
-        self.refuse_damage()
 
     def opened(self, *, scan: bool) -> Catalogue:
         return open_catalogue(self.source, scan=scan, limits=self.limits, file_id=self.file_id)
@@ -161,7 +180,7 @@ class Reader(Closing):
     def __repr__(self) -> str:
         """One line: the file, and the damage found so far."""
         name = "" if self.source.path is None else f" {self.source.path!r}"
-        damage = sum(finding.code not in HARMLESS for finding in self.findings)
+        damage = len(damaged_areas(self.findings))
         facts = [
             counted(len(self.channels), "channel"),
             f"{float(self.duration):.6g} s",
@@ -177,7 +196,7 @@ class Reader(Closing):
 
     @property
     def _layers(self) -> list[Track]:
-        """Of events, those that this version knows how to decode."""
+        """The event tracks that this version can decode."""
         return [layer for layer in self.catalogue.layers if not layer.unsupported]
 
     @property
@@ -209,14 +228,14 @@ class Reader(Closing):
 
     @property
     def clocks(self) -> list[ClockObservation]:
-        """Observations of other clocks, as they were made, in the order of the file."""
+        """Observations of other clocks, in the order of the file."""
         if not self.catalogue.lists(("cLOk",)):
             self.scan()
         return self.catalogue.clocks
 
     @property
     def clock_maps(self) -> list[ClockMap]:
-        """From ticks to other clocks, where the file has such maps."""
+        """Maps from ticks to other clocks, where the file has them."""
         if not self.catalogue.lists(("cMAp",)):
             self.scan()
         return self.catalogue.clock_maps
@@ -232,7 +251,7 @@ class Reader(Closing):
             first = self.findings[0]
             raise first.error(
                 f"{first.code}: {first.message}. hapfmt.Reader reads what is intact; "
-                "hapfmt recover IN OUT writes an intact copy",
+                "hapfmt.recover(file, into) writes an intact copy",
                 requirement=first.requirement,
                 offset=first.offset,
                 path=self.source.path,
@@ -244,10 +263,10 @@ class Reader(Closing):
             raise self.catalogue.unsupported
 
     def select(self, channels: Sequence[str | int] | str | int | None) -> list[ChannelRef]:
-        """Channels by label or number, in the order asked for; None: all.
+        """Channels by label or number, in the given order; None: all.
 
-        A number that is not a label selects by number; other texts may be patterns such as
-        "pos_*". Negative numbers count from the end.
+        A text that is not a label may be a pattern such as "pos_*". An integer selects by number;
+        negative numbers count from the end. Raises UnknownChannelError.
         """
         known = self.channels
         if channels is None:
@@ -266,10 +285,10 @@ class Reader(Closing):
         exact: bool = True,
         progress: Callable[[int, int], None] | None = None,
     ) -> Recording:
-        """The recording, or the channels, seconds [start, stop) and band that are asked for.
+        """The recording, or some of its channels, seconds [start, stop) and one band of it.
 
-        ``exact``: decode the float64 corrections too, where the file has them.
-        ``progress`` is called with (clusters done, clusters in all).
+        ``channels`` as for :meth:`select`. ``exact``: also decode the float64 corrections, where
+        the file has them. ``progress`` is called with (clusters done, clusters in all).
         """
         if band not in BANDS:
             raise ParameterError(f"band is one of {', '.join(BANDS)}")
@@ -309,7 +328,7 @@ class Reader(Closing):
         exact: bool = True,
         progress: Callable[[int, int], None] | None = None,
     ) -> Assembly:
-        """What some channels are put together from, decoded."""
+        """The decoded parts of some channels, before they are put together."""
         wanted = wanted_tracks(chosen, band)
         decoded = {track.id: Decoded(track) for track in wanted}
         samples = 0
@@ -343,8 +362,10 @@ class Reader(Closing):
         *,
         layers: Sequence[str] | None = None,
     ) -> list[Event]:
-        """Events that hold at some time of the seconds [start, stop), of all layers or those with
-        these names, in order of time. Their channels are the channels' numbers."""
+        """Events that hold at some time within the seconds [start, stop), in order of time.
+
+        ``layers``: names of layers; None: all. The channel of an event is a number.
+        """
         if start is None and stop is None:
             self.scan()
         catalogue = self.catalogue
@@ -392,8 +413,8 @@ class Reader(Closing):
         """Decoded packets of ``tracks`` in order of the file, cut to the seconds [start, stop).
         The losses of tracks ``beside`` are noted too.
 
-        Memory is that of one cluster. A read of everything walks through the file first, so that
-        no damage goes by unseen; a read of a part trusts the index as far as it holds.
+        It needs the memory of one cluster. Reading everything walks through the file first, so
+        that it finds all damage. Reading a part trusts the index unless it is wrong.
         """
         if start is None and stop is None:
             self.scan()
@@ -441,7 +462,7 @@ class Reader(Closing):
     def weighed(
         self, packets: Iterable[Packet], decoders: dict[int, TrackDecoder]
     ) -> Iterator[tuple[Packet, int]]:
-        """Packets that the limits let pass, and their samples."""
+        """Packets within the limits, and their numbers of samples."""
         work = 0
         for packet in packets:
             samples = decoders[packet.track].track.weight(packet.span, len(packet.data))
@@ -457,8 +478,10 @@ class Reader(Closing):
         stop: Seconds | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> Iterator[Packet]:
-        """Packets of the tracks in ``ranges``, {id: (first tick, tick after the last)}, that
-        overlap their range, CRCs checked; nothing is decoded."""
+        """Packets that overlap the ranges of their tracks, with CRCs checked and not decoded.
+
+        ``ranges``: {track id: (first tick, tick after the last)}.
+        """
         current = PacketPass(self.catalogue, self.refuse_damage)
         self.lost = current.lost
         count, last = 0, -1
@@ -484,7 +507,7 @@ class Reader(Closing):
         refuse_omission(count, last, self.source.path)
 
     def lost_parts(self, chosen: Sequence[ChannelRef], band: Band) -> list[LostSpan]:
-        """What nobody can give for want of a description: LF tracks without their HF track
+        """Packets that lack a description for decoding: LF tracks without their HF track
         (DEC-003), and tracks that a known one continues."""
         parts = {part.track.id: part for ref in chosen for part in ref.parts}
         known = [part for part in parts.values() if not part.track.unsupported]

@@ -25,7 +25,7 @@ from ..errors import (
     UnsupportedError,
     verdict_of,
 )
-from ..format.index import (
+from ..format.extras import (
     INDEX_EVERY,
     IndexEntry,
     ceil_ms,
@@ -38,10 +38,11 @@ from ..format.track import Component, Contract, lone_lf, unsupported_track
 from ..format.walk import read_chunk
 from ..format.wire import HEADER_SIZE
 from ..limits import TICK_LIMIT, Limits
+from ..numbers import counted
 from ..recording import Calibration, Channel, Recording
 from .catalogue import Catalogue, ChannelRef, ChunkRef, TrackPair
-from .channels import intersect
-from .damage import damage_report, told
+from .damage import LostPart, damage_report, lost_parts, told
+from .decoder import intersect
 from .reader import DigestCheck, Reader
 
 
@@ -282,15 +283,18 @@ def physical_of(counts: NDArray[np.int64], calibration: Calibration) -> NDArray[
     return (counts.astype(np.float64) * a + b) / d
 
 
-@dataclass
+@dataclass(repr=False)
 class Report:
-    """What ``verify`` found; ``verdict`` is a word of SPEC clause 13, ``exit_code`` its number."""
+    """What ``verify`` found; ``verdict`` is a word of SPEC clause 13, ``exit_code`` its number.
+
+    ``summary`` are plain sentences on damage and losses; ``lost`` are the lost parts with
+    ``labels``, ``start`` and ``stop`` in seconds.
+    """
 
     exit_code: int = INTACT
     findings: list[dict[str, Any]] = field(default_factory=list)
-    lost: list[dict[str, Any]] = field(default_factory=list)
-    told: list[str] = field(default_factory=list)
-    """Damage and losses, for people."""
+    lost: list[LostPart] = field(default_factory=list)
+    summary: list[str] = field(default_factory=list)
     file_code: int = INTACT
     """The exit code for the file alone, whatever the original holds."""
     damage: dict[str, Any] | None = None
@@ -306,6 +310,54 @@ class Report:
     @property
     def verdict(self) -> str:
         return VERDICTS[self.exit_code]
+
+    def headline(self) -> str:
+        """The verdict and the numbers of packets and samples, in one line."""
+        facts = [counted(self.packets, "packet"), counted(self.samples, "sample")]
+        facts += [counted(self.digests, "SHA-256 checksum")] if self.digests else []
+        facts += [counted(self.events, "event")] if self.events else []
+        return f"{self.judgement()}; {', '.join(facts)}"
+
+    def judgement(self) -> str:
+        """The verdict on the file, and how its number of samples differs from the original's."""
+        missing = sum(check.missing for check in self.contracts)
+        added = sum(check.invented for check in self.contracts)
+        differences = []
+        if missing:
+            verb = "is" if missing == 1 else "are"
+            differences.append(f"{counted(missing, 'sample')} of the original {verb} missing")
+        if added:
+            verb = "is" if added == 1 else "are"
+            differences.append(f"{counted(added, 'sample')} {verb} not in the original")
+        word = VERDICTS[self.file_code]
+        if not differences:
+            return word
+        link = "but" if self.file_code == INTACT else "and"
+        return f"{word}, {link} {' and '.join(differences)}"
+
+    def bounds(self) -> str:
+        """The result of the comparison with the original, in one line."""
+        checks = self.contracts
+        broken = [check for check in checks if check.promised and check.outside]
+        aims = [check for check in checks if not check.promised and check.outside]
+        if broken:
+            what = "the error bound does not hold"
+            return f"{len(broken)} of {counted(len(checks), 'channel')}: {what}"
+        if aims:
+            what = "a sample is outside the bound, which is only an aim"
+            return f"{len(aims)} of {counted(len(checks), 'channel')}: {what}"
+        every, rest = "every sample", "; none is missing, none was added"
+        if any(check.missing or check.invented for check in checks):
+            every, rest = "every sample that both have", ""
+        if all(not check.largest_error for check in checks):
+            return f"{every} equals the original{rest}"
+        return f"{every} keeps its error bound{rest}"
+
+    def __repr__(self) -> str:
+        """What the command line prints."""
+        error = [self.error.line()] if self.error else []
+        bounds = [self.bounds()] if self.contracts else []
+        return "\n  ".join([f"Report: {self.headline()}", *error, *self.summary, *bounds])
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -331,10 +383,10 @@ def verify(
     threads: int | None = None,
     file_id: int | None = None,
 ) -> Report:
-    """Check everything the SPEC says of a file; with ``against`` its contracts as well.
+    """Check a file against every rule of the SPEC, and with ``against`` its error bounds too.
 
-    Raises only OSError, and ParameterError where ``against`` does not belong to the file.
-    ``threads``, ``file_id``: as for a Reader.
+    ``against`` is the original recording. ``threads``, ``file_id``: as for a Reader. Damage is in
+    the report. Raises only OSError, and ParameterError if ``against`` does not belong to the file.
     """
     report = Report()
     try:
@@ -354,15 +406,15 @@ def verify(
             report.error = error.at(path=reader.source.path)
         catalogue = reader.catalogue
         report.findings = [finding.as_json() for finding in catalogue.findings]
-        report.lost = [span._asdict() for span in reader.lost]
-        report.told = told(catalogue, reader.lost)
+        report.lost = lost_parts(catalogue, reader.lost)
+        report.summary = told(catalogue, reader.lost)
         report.damage = damage_report(catalogue, reader.lost)
         report.unknown = [header.type for header in catalogue.unknown]
         codes = [finding.code for finding in catalogue.findings]
         broken = any(check.broken for check in report.contracts)
         report.file_code, report.exit_code = (
             verdict_of(codes, error=report.error, unknown=catalogue.not_understood, lost=lost)
-            for lost in (bool(report.lost), bool(report.lost) or broken)
+            for lost in (bool(reader.lost), bool(reader.lost) or broken)
         )
         return report
 
@@ -478,7 +530,7 @@ def check_packets(
                 )
         digests.add(piece)
     parts = reader.lost_parts(catalogue.channels, "full")
-    # Of a track that is not described the packets themselves were named.
+    # The packets of a track without a description were named themselves.
     reader.lost.extend(span for span in parts if span.track in catalogue.tracks)
     report.digests = len(digests.stored)
     digests.compare({span.track for span in reader.lost})

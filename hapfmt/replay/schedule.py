@@ -25,8 +25,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..numbers import exact
-from .frames import Frame, FrameBlock
-from .profile.model import Actuator, CountLimits, Profile
+from .profile.model import Actuator, CountLimits, Frame, FrameBlock, Profile
 
 COUNT_LIMIT = 2**53
 """Whole numbers up to here are exact as float64."""
@@ -87,7 +86,7 @@ def ramp_samples(seconds: float, rate: Fraction) -> int:
 
 
 class Envelope:
-    """Of one actuator. ``phase``: 0 at rest, ``length`` at the full signal."""
+    """Envelope of one actuator. ``phase``: 0 at rest, ``length`` at the full signal."""
 
     __slots__ = ("falling", "length", "phase", "top")
 
@@ -236,7 +235,7 @@ State = Literal["playing", "pausing", "paused", "stopping", "ended"]
 Outcome = Literal["clean", "failed", "interrupted", "late", "device-lost"]
 Row = tuple[list[float], list[bool]]
 SEVERITY = get_args(Outcome)
-"""Of several reasons to stop, the last in this order is reported (docs/spec/players.md, exit
+"""With several reasons to stop, the last in this order is reported (docs/spec/players.md, exit
 codes)."""
 
 
@@ -289,7 +288,7 @@ class Schedule:
         """``_period_ns`` nanoseconds equal ``_periods`` periods."""
         self._hold_ns = round(timing.hold_s * 1e9)
         self._number = 0
-        """Of the next frame."""
+        """Number of the next frame."""
         self._unsent = 0
         """Number of the first frame since which the device got none."""
         self._before: tuple[int, int, int, bool, list[LaneState]] | None = None
@@ -474,7 +473,7 @@ class Schedule:
         return tuple([lane.play(value, known) for lane, value, known in given])
 
     def _rows(self) -> list[Row | None]:
-        """Of the samples from ``played`` on; None where there is no block."""
+        """The rows from sample ``played`` on; None where there is no block."""
         rows: list[Row | None] = []
         at, stop = self.played, self.played + self._samples
         for first, values, known, *_ in self._blocks:

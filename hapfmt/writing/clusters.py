@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from ..codecs.events import EVENT_RATE, CodedEvent, build_event, coded, event_packets, layer_track
 from ..errors import ParameterError
-from ..events import Event
 from ..format.cluster import Packet
 from ..format.extras import ClockMap, ClockObservation, build_clocks
 from ..format.track import Track
 from ..reading.clocks import fit_clock
-from ..recording import spans_of
+from ..recording import Event, spans_of
 from .filewriter import FileWriter
 
 PACKET_SAMPLES = 1 << 16

@@ -167,7 +167,7 @@ class LiveFile(Closing):
             self.sync()
 
     def sync(self) -> None:
-        """All bytes to the disk. After an error nobody knows which have reached it."""
+        """All bytes to the disk. After an error it is unknown which have reached it."""
         with named(self.path):
             os.fsync(self.descriptor)
         self.policy.done()

@@ -13,30 +13,27 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from ..errors import ParameterError
 from ..format.cluster import HEAD_ROOM, ROW_ROOM, Packet, build_cluster
-from ..format.description import Record, build_track, chunks_of
 from ..format.extras import (
-    Attachment,
-    ClockMap,
-    ClockObservation,
-    build_attachment,
-    build_clocks,
-    build_map,
-    build_metadata,
-)
-from ..format.index import (
     FIRST_OFFSET,
     INDEX_EVERY,
     INDEX_SIZE,
+    Attachment,
+    ClockMap,
+    ClockObservation,
     Foot,
     Index,
     IndexEntry,
+    build_attachment,
+    build_clocks,
     build_foot,
     build_index,
+    build_map,
+    build_metadata,
     ceil_ms,
     ceil_ns,
     floor_ms,
 )
-from ..format.track import Track, complete, silent_tracks
+from ..format.track import Record, Track, build_track, chunks_of, complete, silent_tracks
 from ..format.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk, cluster_seed
 from ..limits import LEVELS, Level
 from ..reading.opening import chain_of, copied_tracks
@@ -122,7 +119,7 @@ class FileWriter:
         self.copied: set[int] = set()
         """First track ids of the TRAK chunks that the file holds twice, NO_TRACK for HEAD."""
         self.entries: list[IndexEntry] = []
-        """Of all chunks: their places are the sequence numbers."""
+        """Entries of all chunks: their places are the sequence numbers."""
         self.resumed_entries = 0
         self.parts: list[IndexLink] = []
         self.indexed_entries = 0

@@ -1,6 +1,6 @@
-"""Samples as they arrive -> a file that grows (SPEC clause 15).
+"""Samples as they arrive -> a file that grows, and its status (SPEC clause 15).
 
-It also reports the status of a recording.
+The caller's samples become private arrays, checked against the channels of the recording.
 """
 
 from __future__ import annotations
@@ -19,29 +19,209 @@ from types import TracebackType
 from typing import Any, BinaryIO, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..encoder.live import Input
 from ..encoder.settings import Settings
-from ..errors import LimitError, ParameterError
-from ..events import Event
+from ..errors import LimitError, ParameterError, unknown
 from ..limits import TICK_LIMIT
 from ..numbers import exact
-from .clusters import SampleRows, code, observation
-from .lanes import InputGroup, Lanes, named, owned
+from ..recording import Event
+from .clusters import ClusterGrid, SampleRows, code, observation
 from .start import Options, Start
 from .worker import FileChannel, Item, SampleQueue, Worker
 
 
+def owned(values: ArrayLike, inputs: Sequence[Input]) -> NDArray[Any]:
+    """[ticks, channels] int32 counts or float64, a copy; [ticks] goes for one channel.
+
+    Raises ParameterError for another shape or kind, and for counts beyond the bits of an input.
+    """
+    given = np.asarray(values)
+    if given.ndim < 2 and len(inputs) == 1:
+        given = given.reshape(-1, 1)
+    if given.ndim != 2 or given.shape[1] != len(inputs):
+        raise ParameterError(
+            f"samples of {named(inputs)} are [ticks, {len(inputs)}], not {list(given.shape)}"
+            if len(inputs) > 1
+            else f"samples of {named(inputs)} are one-dimensional, not {list(given.shape)}"
+        )
+    if not inputs[0].takes_counts:
+        if given.dtype.kind not in "fiub" or given.dtype.itemsize > 8:
+            raise ParameterError(
+                f"samples of {named(inputs)} are floats, not {given.dtype}: "
+                "integer counts need an Input with a calibration"
+            )
+        return np.array(given, np.float64, order="C")
+    if given.dtype.kind not in "iu" and given.size:
+        raise ParameterError(
+            f"samples of {named(inputs)} are integer counts, not {given.dtype}, "
+            "as its calibration says"
+        )
+    check_range(given, inputs)
+    return np.array(given, np.int32, order="C")
+
+
+def check_range(counts: NDArray[Any], inputs: Sequence[Input]) -> None:
+    bits = inputs[0].bits if len(inputs) == 1 else min(given.bits for given in inputs)
+    if not counts.size or (counts.dtype.kind == "i" and 8 * counts.dtype.itemsize <= bits):
+        return
+    if counts.size == 1:
+        low = high = int(counts.item())
+    else:
+        low, high = int(counts.min()), int(counts.max())
+    if within(low, high, bits):
+        return
+    for place, given in enumerate(inputs):
+        low, high = int(counts[:, place].min()), int(counts[:, place].max())
+        if not within(low, high, given.bits):
+            raise ParameterError(
+                f"counts of {given.label!r} from {low} to {high} need more than its "
+                f"{given.bits} bits"
+            )
+
+
+def within(low: int, high: int, bits: int) -> bool:
+    return -(1 << (bits - 1)) <= low and high < 1 << (bits - 1)
+
+
+def named(inputs: Sequence[Input]) -> str:
+    if len(inputs) == 1:
+        return repr(inputs[0].label)
+    return f"the {len(inputs)} channels from {inputs[0].label!r} to {inputs[-1].label!r}"
+
+
+@dataclass
+class InputGroup:
+    """Channels whose samples come together."""
+
+    channels: tuple[int, ...]
+    index: NDArray[np.intp]
+    inputs: list[Input]
+    grid: ClusterGrid
+    wake: int = 0
+    """The first tick of the cluster after the one that the last sample was for."""
+
+
+class Lanes:
+    """Channels by label or place, alone or together."""
+
+    def __init__(self, cluster: Fraction, start_s: Fraction) -> None:
+        self.cluster, self.start_s = cluster, start_s
+        self.members: list[FileChannel] = []
+        self.ticks: NDArray[np.int64] = np.empty(0, np.int64)
+        """Where the next sample of each channel goes."""
+        self.silent: set[int] = set()
+        """Places that nothing came for yet: these may begin anywhere."""
+        self.by_label: dict[str, int] = {}
+        self.known: dict[tuple[int, ...], InputGroup] = {}
+        self.single: dict[str | int, InputGroup] = {}
+
+    def enter(self, member: FileChannel, start_s: Fraction) -> int:
+        """The place of an input that is new."""
+        place = len(self.members)
+        self.members.append(member)
+        if member.is_new:
+            self.silent.add(place)
+        self.by_label.setdefault(member.input.label, place)
+        self.ticks = np.append(self.ticks, ceil(start_s * member.input.rate))
+        return place
+
+    @property
+    def seconds(self) -> Fraction:
+        """The end of the latest sample so far."""
+        latest: dict[Fraction, int] = {}
+        for tick, member in zip(self.ticks.tolist(), self.members, strict=True):
+            rate = member.input.rate
+            latest[rate] = max(latest.get(rate, 0), tick)
+        return max((tick / rate for rate, tick in latest.items()), default=self.start_s)
+
+    def place_of(self, channel: str | int) -> int:
+        place = self.by_label.get(channel, -1) if isinstance(channel, str) else channel
+        if isinstance(place, (int, np.integer)) and 0 <= place < len(self.members):
+            return int(place)
+        labels = [member.input.label for member in self.members]
+        raise ParameterError(unknown("channel", channel, labels))
+
+    def one(self, channel: str | int) -> InputGroup:
+        """The lane of a single channel."""
+        lane = self.single.get(channel)
+        if lane is None:
+            lane = self.single[channel] = self.of((channel,))
+        return lane
+
+    def of(self, channels: Sequence[str | int]) -> InputGroup:
+        places = tuple(self.place_of(channel) for channel in channels)
+        lane = self.known.get(places)
+        if lane is None:
+            inputs = [self.members[place].input for place in places]
+            if not inputs or len(set(places)) < len(places):
+                raise ParameterError("rows have one channel or more, each once")
+            if len({(given.rate, given.takes_counts) for given in inputs}) > 1:
+                raise ParameterError(
+                    f"{named(inputs)} have different rates, or integers and floats: "
+                    "write them separately"
+                )
+            grid = ClusterGrid.of(self.cluster, inputs[0].rate)
+            lane = InputGroup(places, np.array(places, np.intp), inputs, grid)
+            self.known[places] = lane
+        return lane
+
+    def start_of(self, lane: InputGroup, tick: int | None) -> int:
+        """Where samples go; ticks never go back."""
+        if len(lane.channels) == 1 and (tick is None or tick >= self.ticks.item(lane.channels[0])):
+            return self.ticks.item(lane.channels[0]) if tick is None else tick
+        ticks = self.ticks[lane.index]
+        ahead = int(ticks.max())
+        if tick is None:
+            if int(ticks.min()) != ahead:
+                raise ParameterError(
+                    f"{named(lane.inputs)} are not at one tick, but from {ticks.min()} "
+                    f"to {ahead}: give the tick"
+                )
+            return ahead
+        if 0 <= tick < ahead and self.silent:
+            behind = ticks > tick
+            if self.silent.issuperset(lane.index[behind].tolist()):
+                return tick
+        if tick < ahead:
+            place = int(ticks.argmax())
+            raise ParameterError(
+                f"samples of {lane.inputs[place].label!r} for tick {tick} come after those up to "
+                f"tick {ahead}: ticks never go back"
+            )
+        return tick
+
+    def move(self, lane: InputGroup, tick: int) -> None:
+        """The next samples of a lane go to this tick."""
+        if len(lane.channels) == 1:
+            self.ticks[lane.channels[0]] = tick
+        else:
+            self.ticks[lane.index] = tick
+        if self.silent:
+            self.silent.difference_update(lane.channels)
+
+
 @dataclass(frozen=True)
 class Status:
-    """A moment of a recording.
+    """The state of a recording in progress.
 
-    ``seconds``: its length so far. Samples: ``taken`` from the caller, of which ``missing`` were
-    NaN and ``written`` are in the file; ``dropped``, by channel, were not taken. ``queued_size``:
-    bytes of samples in memory. ``cluster_count`` and ``file_size``: as written. ``flushed_s``: the
-    length that a crash leaves. ``blocked_s``: what the caller waited for room. ``busy_s``: CPU time
-    of the encoding thread, ``factor``: seconds that it recorded in each of them.
+    seconds
+        its length so far.
+    taken, missing, written
+        samples that the recorder accepted, those of them that were NaN, and those in the file.
+    dropped
+        {label: samples} that were not accepted.
+    queued_size
+        bytes of samples in memory.
+    cluster_count, file_size
+        clusters and bytes in the file.
+    flushed_s
+        seconds that survive a crash.
+    blocked_s
+        seconds that the caller waited for room in the queue.
+    busy_s, factor
+        CPU seconds of the encoding thread, and seconds recorded in each of them.
     """
 
     seconds: float = 0.0
@@ -102,23 +282,40 @@ class Recorder:
         with Recorder("touch.hapf", inputs) as recorder:
             recorder.write("force", counts)
 
-    ``file``: a path, or a binary stream that is written only. Samples are copied and coded in a
-    thread of its own, cluster by cluster (``cluster`` seconds). What lies before the last
-    ``flush``, and with ``fsync="cluster"`` all but the last cluster or two, survives a crash.
+    A thread encodes copies of the samples, cluster by cluster. Samples before the last ``flush``
+    survive a crash. With ``fsync="cluster"`` so do all but the last cluster or two.
 
-    ``fsync``: "cluster", "close", or a number of seconds: how often the disk is waited for.
-    ``patience``: seconds that a cluster waits for channels behind the others; what they bring later
-    is written in clusters of its own. ``hold``: seconds of wall clock that a sample waits at most
-    for its cluster to be complete [cluster + 2 patience; none in canonical mode].
-    ``queue_size``: bytes that wait for the encoder; ``on_full``: "block" until there is room,
-    "drop" what comes (a gap, counted, reported in a warning and in the file's notes), or "raise"
-    LimitError. ``append``: continue the file, where it ends, at ``at`` seconds, or for "now" by
-    its epoch; inputs are its channels of the same label, rate and unit, others become new ones.
-    ``epoch_ns``: UTC time of tick 0, "now", or None. ``clock_maps``: fit a map to the observations
-    of each clock at the end. ``canonical``: file id; the same calls give the same bytes.
+    file
+        a path, or a binary stream that can be written.
+    cluster
+        length of a cluster in seconds.
+    patience
+        seconds that a cluster waits for channels that are late. Their samples then get clusters of
+        their own.
+    hold
+        most seconds of wall clock that a sample waits for its cluster to be complete
+        [cluster + 2 patience; no limit in canonical mode].
+    fsync
+        when to wait for the disk: "cluster", "close", "never", or a number of seconds.
+    queue_size
+        most bytes of samples that wait for the encoder.
+    on_full
+        if the queue is full: "block" waits, "raise" raises LimitError, and "drop" makes a gap. The
+        file's notes and a warning count dropped samples.
+    append
+        continue an existing file. Inputs with the label, rate and unit of a channel continue it;
+        others become new channels.
+    at
+        with ``append``: second of the first new sample; "now": by the epoch; None: the end.
+    epoch_ns
+        UTC time of tick 0 in nanoseconds since 1970-01-01, "now", or None.
+    clock_maps
+        fit a map to the observations of each clock at the end.
+    canonical
+        file id; the same calls then give the same bytes.
 
-    What the thread fails with (a full disk) is raised by the next call and by close; the file is
-    valid up to there. Methods may be called from several threads.
+    Methods may be called in several threads. The next call, or close, raises an error of the
+    encoding thread, such as a full disk. The file is valid up to that point.
     """
 
     def __init__(
@@ -199,8 +396,10 @@ class Recorder:
         return [member.input for member in self.lanes.members]
 
     def add(self, given: Input) -> int:
-        """A channel that comes late; its number among the inputs. It begins at the end of what is
-        recorded so far, unless its first samples say another tick."""
+        """Add a channel to a recording in progress; returns its number among the inputs.
+
+        It begins at the current end of the recording, unless its first samples have a tick.
+        """
         with self.turn:
             start_s = self.lanes.seconds
             number = self.next_number
@@ -211,9 +410,11 @@ class Recorder:
             return self.lanes.enter(member, start_s)
 
     def write(self, channel: str | int, values: ArrayLike, tick: int | None = None) -> None:
-        """Samples of one channel, [ticks]: counts where its input has a calibration, else floats,
-        of which NaN is a missing one. They go on where the last ended, or at ``tick``: what lies
-        between is a gap."""
+        """Record samples of one channel, [ticks]: counts with a calibration, else floats.
+
+        NaN is a missing sample. The samples follow the previous ones, or begin at ``tick`` after
+        a gap. Raises ParameterError, and LimitError with ``on_full="raise"``.
+        """
         with self.turn:
             self.put(self.lanes.one(channel), values, tick)
 
@@ -223,15 +424,19 @@ class Recorder:
         tick: int | None = None,
         channels: Sequence[str | int] | None = None,
     ) -> None:
-        """Samples of channels of one rate and kind, [ticks, channels]; None: of all channels. The
-        fast way for many channels."""
+        """Record samples of channels of one rate and kind, [ticks, channels]; None: all channels.
+
+        This is the fastest way to record many channels. Raises as :meth:`write` does.
+        """
         with self.turn:
             chosen = range(len(self.lanes.members)) if channels is None else channels
             self.put(self.lanes.of(tuple(chosen)), values, tick)
 
     def write_all(self, values: Mapping[str | int, ArrayLike]) -> None:
-        """Samples of several channels from where each of them ended. Long ones are taken in turns,
-        so that channels of the same time share clusters."""
+        """Record samples of several channels, each after its previous ones.
+
+        Long arrays are taken in turns, so that channels share clusters of the same time.
+        """
         with self.turn:
             arrays = [(self.lanes.one(c), np.asarray(given)) for c, given in values.items()]
             places = [0] * len(arrays)
@@ -245,7 +450,7 @@ class Recorder:
                     places[number] = max(stop, at)
 
     def skip(self, channel: str | int, ticks: int) -> None:
-        """The next ``ticks`` samples of a channel are missing: a gap."""
+        """Leave a gap of ``ticks`` samples in a channel."""
         with self.turn:
             lane = self.lanes.one(channel)
             start = self.lanes.start_of(lane, None) + ticks
@@ -303,7 +508,7 @@ class Recorder:
         *,
         layer: str = "",
     ) -> None:
-        """An event at ``time`` seconds; None: at the end of what is recorded so far."""
+        """Store an event at ``time`` seconds; None: at the current end of the recording."""
         with self.turn:
             place = None if channel is None else self.lanes.place_of(channel)
             at = self.lanes.seconds if time is None else exact(time)
@@ -320,8 +525,8 @@ class Recorder:
         time_ns: int,
         uncertainty_ns: int = 0,
     ) -> None:
-        """What another clock said at a tick of a channel; None: at a nanosecond of the recording.
-        It is stored as it is."""
+        """Store a reading of another clock at a tick of a channel; channel None: at a nanosecond of
+        the recording."""
         with self.turn:
             place = None if channel is None else self.lanes.place_of(channel)
             number = None if place is None else self.lanes.members[place].number
@@ -329,12 +534,12 @@ class Recorder:
             self.queue.put(partial(self.worker.observed.add, seen), len(name))
 
     def fit_clocks(self) -> None:
-        """Have maps of the clocks written at the end: see ``clock_maps``."""
+        """Write maps of the clocks at the end, as ``clock_maps`` does."""
         with self.turn:
             self.worker.observed.maps = True
 
     def flush(self) -> None:
-        """When this returns, all that was written so far is on the disk."""
+        """Write all samples so far to the disk before returning."""
         with self.turn:
             self.queue.put(self.worker.flush, wake=True)
         self.queue.join()
@@ -358,7 +563,7 @@ class Recorder:
         )
 
     def close(self) -> None:
-        """Write all that is here, and the index; once more does nothing."""
+        """Write the remaining samples and the index. A second call does nothing."""
         if os.getpid() != self.turn.process:
             return
         with self.turn.lock:
@@ -376,7 +581,7 @@ class Recorder:
 
 
 def shut(queue: SampleQueue[Item], worker: Worker, process: int) -> None:
-    """Close the file of a recorder that nobody holds any more, or at the end of the program."""
+    """Close the file of a recorder without references, or at the end of the program."""
     if os.getpid() == process and threading.current_thread() is not worker.thread:
         with suppress(Exception):
             queue.put(partial(worker.finish, dict), wake=True)

@@ -20,10 +20,9 @@ from ..encoder.live import Input, LiveEncoder
 from ..encoder.settings import Settings
 from ..errors import HARMLESS, HapfmtError, ParameterError
 from ..format.cluster import Packet, parse_rows, parse_table_head, salvage_cluster
-from ..format.description import parse_description
 from ..format.extras import ClockObservation, build_metadata
 from ..format.source import ByteSource
-from ..format.track import Track, TrackTable, missing_channels, paired
+from ..format.track import Track, TrackTable, missing_channels, paired, parse_description
 from ..format.walk import Finding, read_chunk
 from ..format.wire import HEADER_SIZE, check_file_id
 from ..limits import LAST_TRACK_ID
@@ -467,7 +466,7 @@ class Start:
         return {k: v for k, v in metadata.items() if k not in self.written or self.written[k] != v}
 
     def number(self) -> int:
-        """Of a new channel: one that a crash left without a channel, else the next."""
+        """Number of a new channel: one that a crash left without a channel, else the next."""
         if self.holes:
             return self.holes.pop(0)
         self.next_number += 1

@@ -25,7 +25,7 @@ from ..encoder.live import Input
 from ..errors import ParameterError
 from ..recording import Calibration, spans_of
 from ..times import may_be_times
-from ..units import split_name, to_ucum, units_for
+from ..units import given_units, split_name, units_for
 from .recorder import Recorder
 
 
@@ -50,7 +50,7 @@ class ChannelKeys(StreamKeys, frozen=True):
     lsb: float | None = None
 
     def made(self) -> Input:
-        given = asdict(self) | {"unit": to_ucum(self.unit)}
+        given = asdict(self) | {"unit": given_units([self.unit])[0]}
         if self.calibration is not None:
             given["calibration"] = Calibration(*self.calibration)
         return Input(**given)
@@ -138,7 +138,7 @@ class StreamSession:
         self.begin = begin
         self.recorder: Recorder | None = None
         self.tick = 0
-        """Of the next row."""
+        """Tick of the next row."""
 
     def start(self, header: Header) -> None:
         self.recorder = self.begin(header)
@@ -272,7 +272,7 @@ class BareTable:
         if self.unit is not None:
             units = units_for(self.unit, len(labels))
         else:
-            units = [to_ucum(unit) for _, unit in given] or ["1"] * len(labels)
+            units = given_units(unit for _, unit in given) or ["1"] * len(labels)
         notes = []
         if len(names) > 1 and may_be_times(names[0]):
             notes.append(
@@ -594,7 +594,7 @@ class InputStream:
             step(self.parser)
         except ParameterError as error:
             if error.path is not None:
-                # Of the file that is written.
+                # The error of the output file has its path.
                 raise
             raise StreamError(f"{self.parser.place}: {error.message}") from error
 

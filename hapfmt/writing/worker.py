@@ -174,7 +174,7 @@ class Worker:
         self.finished = False
         self.written_at = time.monotonic()
         self.notes: list[str] = []
-        """Of what the end could not do."""
+        """What could not be done at the end."""
         self.error: BaseException | None = None
         self.thread = threading.Thread(target=self.run, name="hapfmt recorder", daemon=True)
 

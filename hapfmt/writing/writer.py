@@ -15,17 +15,16 @@ from ..codecs.events import coded, event_packets, layer_track, rate_of
 from ..convert import refuse_foreign
 from ..encoder.encode import Decision, Encoded, encode
 from ..encoder.settings import INPUT, INPUT_SIZE, Settings, alias_note, lossy_preset, renamed
-from ..errors import ParameterError, unknown
-from ..events import by_layer
+from ..errors import DataWarning, ParameterError, unknown
 from ..files import refuse, target
 from ..format.cluster import Packet
-from ..format.description import build_track
 from ..format.extras import Attachment, build_attachment, build_metadata
-from ..format.track import Track
+from ..format.track import Track, build_track
 from ..format.wire import check_file_id
 from ..limits import LEVELS
 from ..reading.decoder import TrackDecoder, TrackDigest
-from ..recording import Rate, Recording, Units, recording_of
+from ..recording import Rate, Recording, Units, by_layer, recording_of
+from ..units import unknown_unit
 from ..version import __version__
 from .filewriter import FileWriter
 
@@ -38,8 +37,7 @@ NAMED = ("rate", "labels", "units", "transpose", "canonical", "force", "progress
 
 @dataclass(frozen=True)
 class Summary:
-    """The result of a write: bytes in all, bytes of packets, samples, and the encoder's
-    decisions."""
+    """Result of a write: bytes of the file and of the packets, samples, encoder's decisions."""
 
     file_size: int
     payload_size: int
@@ -80,33 +78,40 @@ def write(
 ) -> Summary:
     """Encode a recording or an array into a path or a binary stream.
 
-    ``recording`` is a Recording, Channels, or numbers: an array [samples] or [channels, samples],
-    {label: array [samples]}, or a table of pandas or xarray with a column for each channel. NaN and
-    masked values are gaps. Integers of up to 32 bits are kept as counts. Arrays need ``rate``,
-    samples per second (1000, 35.618 or "44100/7"); a table may have times as its index: they place
-    the rows, and a MovedTimesWarning tells where they were moved. Names of columns and of a dict,
-    such as "fx [N]" or "fx (N)", give labels and units. ``labels``: one text for each channel.
-    ``units``: one text for all channels, one for each, or {label: unit}.
-    An array of more rows than columns is refused, unless there is a label for each row: pass
-    ``array.T``, or say ``transpose=True`` or ``False``.
+    recording
+        a Recording, Channels, or numbers: an array [samples] or [channels, samples],
+        {label: array [samples]}, or a table of pandas or xarray with a column for each channel.
+        NaN and masked values are gaps. Integers of up to 32 bits are kept as counts. An array with
+        more rows than columns is refused unless each row has a label: pass ``array.T`` or
+        ``transpose``.
+    rate
+        samples per second (1000, 35.618 or "44100/7"); arrays need it. A table may have times as
+        its index. A MovedTimesWarning reports times that the regular grid moved.
+    labels, units
+        one text for each channel; one unit may be for all, or {label: unit}. Without them, names
+        of columns such as "fx [N]" or "fx (N)" give both.
+    settings, preset, options
+        choose the encoding: a :class:`hapfmt.Settings`, or a preset and any of its fields, such as
+        ``preset="near-lossless", max_error="0.1%"``.
+    canonical
+        file id of canonical mode: the same input gives the same bytes. Give each file an id of its
+        own, which keeps parts of other files out; "content" computes one from the content.
+        None: the id, and a missing UUID, are random.
+    force
+        replace an existing file.
+    progress
+        is called with (channels done, channels in all).
+    threads
+        number of threads that encode; the bytes do not depend on it. None: HAPFMT_THREADS, else
+        the number of CPUs; one thread for small recordings.
 
-    ``preset`` and any field of :class:`hapfmt.Settings` choose the encoding, such as
-    ``preset="near-lossless", max_error="0.1%"``; or give whole ``settings``.
-
-    ``canonical`` is the file id of canonical mode: the same input gives the same bytes. "content"
-    takes it from what is encoded. Give each file a number of its own: it keeps parts of other files
-    out. Otherwise the id, and the UUID of a recording that has none, are random. An existing path
-    is refused unless ``force``. ``progress`` is called with (channels done, channels in all).
-    ``threads`` code channels; None: as many as HAPFMT_THREADS says, else as there are CPUs, one
-    where the work is small. The bytes do not depend on it.
-
-    Raises ParameterError where the recording does not fit the format.
+    Raises ParameterError if the recording does not fit the format or the file exists; OSError.
     """
     if settings is not None and (preset is not None or options):
         raise ParameterError("give settings, or a preset with options, not both")
     if settings is None:
-        if preset is not None and (note := alias_note(preset)):
-            warnings.warn(note, DeprecationWarning, stacklevel=2)
+        if preset is not None and (old := alias_note(preset)):
+            warnings.warn(old, DeprecationWarning, stacklevel=2)
         name, given = renamed("lossless" if preset is None else preset, options)
         try:
             settings = Settings.of(name, **given)
@@ -119,6 +124,9 @@ def write(
     if isinstance(file, (str, os.PathLike)):
         refuse_foreign(file)
     recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)
+    for unit in dict.fromkeys(channel.unit for channel in recording):
+        if (note := unknown_unit(unit, kept=unit)) is not None:
+            warnings.warn(note, DataWarning, stacklevel=2)
     check_file_id(None if canonical == "content" else canonical)
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)

@@ -10,23 +10,32 @@ import forge as f
 from hapfmt.codecs.events import build_events, parse_events
 from hapfmt.codecs.knots import build_varints, parse_varints
 from hapfmt.format.cluster import Packet, build_cluster, parse_cluster, salvage_cluster
-from hapfmt.format.description import build_description, parse_description
 from hapfmt.format.extras import (
     build_attachment,
     build_clocks,
+    build_foot,
+    build_index,
     build_map,
     build_metadata,
     parse_attachment,
     parse_clock,
+    parse_foot,
+    parse_index,
     parse_map,
     parse_metadata,
 )
-from hapfmt.format.index import build_foot, build_index, parse_foot, parse_index
 from hapfmt.format.source import BytesSource
-from hapfmt.format.tlv import build_strings, build_tlvs, parse_strings, parse_tlvs
-from hapfmt.format.track import TrackTable
+from hapfmt.format.track import TrackTable, build_description, parse_description
 from hapfmt.format.walk import Finding, walk
-from hapfmt.format.wire import cluster_seed, parse_head, parse_header
+from hapfmt.format.wire import (
+    build_strings,
+    build_tlvs,
+    cluster_seed,
+    parse_head,
+    parse_header,
+    parse_strings,
+    parse_tlvs,
+)
 from hapfmt.limits import LEVELS
 from hapfmt.numbers import parse_varint
 

@@ -43,5 +43,5 @@ def versions() -> dict[str, str]:
 
 
 def left_out() -> list[str]:
-    """What is missing, by the names that pip knows."""
+    """The missing packages, by their names for pip."""
     return [package for name, package in PACKAGES.items() if not installed(name)]

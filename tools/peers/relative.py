@@ -22,7 +22,7 @@ from .exact import Coder, Doubles, integer_coders
 from .packages import installed, module
 
 SAFE = 1 - 1e-9
-"""Of the error: a coder that rounds at its bound must not leave ours."""
+"""Share of the error bound that a peer gets: one that rounds at its bound must keep ours."""
 
 ROUNDING = 1 + 1e-9
 """A bound counts as kept within this factor, for all coders alike."""

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 SIDE = 4
-"""Bytes a channel that count as its side information beside the coded bytes: generously few, for
-a floor, a step or an offset."""
+"""Bytes of side information that count for each channel: few, for a floor, a step or an offset."""
 
 
 def coded_size(blobs: Sequence[bytes]) -> int:

@@ -40,7 +40,7 @@ BENCH = ROOT / "conformance" / "adapters" / "js" / "bench.js"
 
 
 class Read(NamedTuple):
-    """Of one file: median CPU seconds, quartiles, and SHA-256 of what was decoded."""
+    """Reading one file: median CPU seconds, quartiles, and SHA-256 of the decoded values."""
 
     median: float
     low: float

@@ -86,7 +86,7 @@ def weighted_power(x: NDArray[np.float64], rate_hz: float, tool: Tool) -> NDArra
 
 
 def felt(f: NDArray[np.float64], y: NDArray[np.float64], rate_hz: float, tool: Tool) -> Felt:
-    """Of a reconstruction y of the force f, [ticks] in newtons."""
+    """Figures of a reconstruction y of the force f, [ticks] in newtons."""
     texture, error = (weighted_power(x, rate_hz, tool) for x in (f, y - f))
 
     def share(lower: float) -> float:

@@ -9,8 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hapfmt.lab.scenes.contact import Drive, Motion, Samples, System, energy, work
-from hapfmt.lab.scenes.integrators import INTEGRATORS, default_step_s, integrate
+from hapfmt.lab.scenes.contact import (
+    INTEGRATORS,
+    Drive,
+    Motion,
+    Samples,
+    System,
+    default_step_s,
+    energy,
+    integrate,
+    work,
+)
 from report.section import Spread, spread
 
 STYLUS = System(mass_kg=0.060, hand_n_per_m=250.0, hand_ns_per_m=3.0, contact_n_per_m=1e5)
@@ -53,8 +62,8 @@ class Reference(NamedTuple):
 
 
 class Long(NamedTuple):
-    """A long run. gain, drift: the largest and the last of what energy there is beyond that of the
-    beginning and what was put in, relative; trace: its value after each second."""
+    """A long run. gain, drift: the largest and the last relative excess of energy over that of the
+    beginning plus the work put in. trace: the excess after each second."""
 
     name: str
     stiffness: float

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hapfmt.lab.scenes.integrators import INTEGRATORS
+from hapfmt.lab.scenes.contact import INTEGRATORS
 from report import integrator_runs as runs
 from report.integrator_runs import Long, Point, Reference
 from report.section import COLOURS, PALE, Cell, Options, Section, Spread, Table, drawn
@@ -186,7 +186,7 @@ def milliseconds(seconds: float) -> str:
 
 
 def finite(x: float, digits: int = 3) -> Cell:
-    """The number, to so many digits, or a word for what has none."""
+    """The number with this many digits, or a word if it is infinite."""
     return float(f"{x:.{digits}g}") if isfinite(x) else "none" if x > 0 else None
 
 

@@ -184,7 +184,7 @@ def cell_html(cell: Cell, word: bool) -> str:
 
 
 def shown(cell: Cell) -> str:
-    """Of a number four digits, as a reader wants them."""
+    """The text of a cell; a number has four digits."""
     if cell is None:
         return ""
     if isinstance(cell, bool):

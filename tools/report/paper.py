@@ -150,7 +150,7 @@ def at(points: list[Point], percent: float, bits: int) -> Point:
 
 
 def added(points: list[Point], percent: float, bits: int) -> float:
-    """Points of the compression ratio that a residual of so many bits adds."""
+    """Percentage points that a residual of ``bits`` bits adds to the compression ratio."""
     with_it, without = at(points, percent, bits), at(points, percent, 0)
     return with_it.payload_percent - without.payload_percent
 

@@ -1,4 +1,4 @@
-"""The paper's figures 2, 4 and 5, drawn: names stand beside the lines, or above the panels."""
+"""The paper's figures 2, 4 and 5, drawn: names are next to the lines, or above the panels."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LINE_GAP = 0.085
 
 
 class Stretch(NamedTuple):
-    """Of one channel, [ticks]: seconds; f, d and reconstruction in newtons; the knots, as indices;
+    """One channel, [ticks]: seconds; f, d and reconstruction in newtons; the knots, as indices;
     the deadband around f, half its width."""
 
     t: NDArray[np.float64]
@@ -42,7 +42,7 @@ class Stretch(NamedTuple):
 
 
 def most_textured(source: Source) -> Source:
-    """Of the channels the one with the strongest part above 20 Hz."""
+    """The channel with the strongest part above 20 Hz."""
 
     def rms(channel: Any) -> float:
         f = channel.samples()
@@ -193,7 +193,7 @@ def fig5(
 def known(
     places: NDArray[np.float64], line: Sequence[float | None]
 ) -> tuple[list[float], list[float]]:
-    """x and y of what was measured."""
+    """x and y of the measured points."""
     pairs = [(x, y) for x, y in zip(places.tolist(), line, strict=True) if y is not None]
     return [x for x, _ in pairs], [y for _, y in pairs]
 

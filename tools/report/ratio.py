@@ -52,7 +52,7 @@ class Point(NamedTuple):
 
     @property
     def payload_percent(self) -> float:
-        """Of the samples as doubles."""
+        """Size of the payload in percent of the samples as doubles."""
         return 100 * self.payload_size / (SAMPLE_SIZE * self.sample_count)
 
     @property

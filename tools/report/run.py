@@ -4,8 +4,8 @@ stability, and the paper's figures.
 python tools/report [--quick] [--only SECTION] [--data DIR] [-o DIR]
 
 Writes index.html, which needs no other file, report.md, report.json, and a CSV file for each table.
-Without a folder of recordings only simulated scenes are measured. Of long recordings the middle is
-measured, so that ../shared/data takes less than 15 minutes of CPU time.
+Without a folder of recordings only simulated scenes are measured. Only the middle of long
+recordings is measured, so that ../shared/data takes less than 15 minutes of CPU time.
 """
 
 from __future__ import annotations

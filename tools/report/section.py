@@ -22,10 +22,12 @@ INK = "#123456"
 """Drawn in this colour, a line or a letter has the colour of the page's text, light or dark."""
 
 PALE = "#654321"
-"""The same, for what should stand back: axes, grids, limits."""
+"""The same, for axes, grids and limits, which should be less visible."""
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8b6fd6", "#7f7f7f")
-"""Told apart by most eyes, on white and on black. M. Okabe, K. Ito, "Color universal design", 2008,
+"""Colours that most people can distinguish, on white and on black.
+
+M. Okabe, K. Ito, "Color universal design", 2008,
 without its black and its yellow; then a violet and a grey."""
 
 MARKERS = "osD^vPX*"
@@ -51,8 +53,8 @@ class Figure(NamedTuple):
 
 
 class Section(NamedTuple):
-    """text: Markdown (paragraphs, "* " lists, **bold**, `code`); its first sentence is what was
-    found, made from the data. data: JSON, whatever a program would want."""
+    """text: Markdown (paragraphs, "* " lists, **bold**, `code`); its first sentence is the
+    result, made from the data. data: JSON, whatever a program would want."""
 
     title: str
     text: str
@@ -76,7 +78,7 @@ class CannotRunError(Exception):
 
 
 class Spread(NamedTuple):
-    """Of repeated runs, in seconds."""
+    """Times of repeated runs, in seconds."""
 
     median: float
     low: float
@@ -97,7 +99,7 @@ def spread(seconds: Sequence[float]) -> Spread:
 
 
 def timed(work: Callable[[], Result], repeats: int = 5) -> tuple[Result, Spread]:
-    """What the work gives, and the CPU time of so many runs."""
+    """The result of the work, and the CPU times of the runs."""
     times = []
     for _ in range(repeats):
         began = time.process_time()

@@ -14,7 +14,7 @@ from stability.scenes import HAND, run
 from stability.signals import RATE, back, contact, force, texture
 
 from hapfmt.kernels import compiled
-from hapfmt.lab.scenes.integrators import System, default_step_s
+from hapfmt.lab.scenes.contact import System, default_step_s
 from report.section import COLOURS, PALE, Options, Section, Table, drawn
 
 HEADERS = ["row", "case", "naive", "ours", "unit", "what must hold", "holds", "note"]

@@ -23,8 +23,8 @@ SCENES = ("stone", "sand", "cork", "wall", "taps", "grasp", "free")
 QUICK_SCENES = ("sand", "grasp")
 SECONDS, QUICK_SECONDS = 10.0, 1.0
 SAMPLES, QUICK_SAMPLES = 60_000, 10_000
-"""Of a recording at most, all channels together, from its middle: all of ../shared/data would take
-hours."""
+"""Most samples of a recording, all channels together, from its middle: all of ../shared/data would
+take hours."""
 
 QUICK_RECORDINGS = 2
 
@@ -145,8 +145,8 @@ def measured_of(
 
 
 def prepared(name: str, simulated: bool, recording: hapfmt.Recording) -> Iterator[Subject]:
-    """Channels on a lattice in counts, as their sensors gave them, so that all coders get the same
-    integers; and those of true doubles apart, as a subject of their own. Constants alone: none."""
+    """Channels on a grid as the counts of their sensors, so that all coders get the same integers;
+    floating point channels as a subject of their own. No subject for constants alone."""
     kept = [
         channel
         for channel in recording.channels

@@ -22,7 +22,7 @@ from report.section import Spread, timed
 from report.subjects import Subject
 
 FLOOR = 0.002
-"""Of each channel's range, as the presets have it."""
+"""Absolute threshold as a share of each channel's range, as in the presets."""
 
 REPEATS = 3
 
@@ -138,7 +138,7 @@ def peer_tasks(subject: Subject) -> Iterator[tuple[str, list[list[Coder | Recipe
 
 
 def errors(subject: Subject, found: Sequence[NDArray[np.float64]]) -> dict[str, float | None]:
-    """Of what came back, as Trial has them."""
+    """Errors of the decoded channels, with the names of Trial."""
     rms, largest, snr, band = [], [0.0], [], []
     similar: list[float | None] = []
     for channel, x, y in zip(subject.recording.channels, subject.truth, found, strict=True):

@@ -50,7 +50,7 @@ class Changed(NamedTuple):
 
 
 def parts_of(file: bytes) -> Parts:
-    """Of the first channel of a file of preset paper."""
+    """Parts of the first channel of a file of preset paper."""
     with Reader(file) as reader:
         whole = reader.read().channels[0]
         slow = reader.read(band="lf").channels[0]
@@ -111,7 +111,7 @@ def variants(source: Source, percent: float, bits: int) -> list[Changed]:
     def add(
         name: str, payload: float, fast: float | None, y: NDArray[np.float64], note: str,
     ) -> None:  # fmt: skip
-        """payload in bytes, fast in bits. Of y the end is compared: what came ahead is not f."""
+        """payload in bytes, fast in bits. Only the end of y is compared: the start is not f."""
         doubles = SAMPLE_SIZE * y.size
         bits_each = None if fast is None else fast / y.size
         session = y[y.size - f.size :]

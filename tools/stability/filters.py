@@ -109,7 +109,7 @@ def low_cutoff() -> Iterator[Row]:
     x = 5 + wave
 
     def wrong(y: Samples, gain: float = gain) -> float:
-        """Of the largest value; more than a million percent, and no number at all, are that."""
+        """Error as a share of the largest value; at most a million percent, also for NaN."""
         error = float(np.abs(np.nan_to_num(y, nan=np.inf) - 5 - gain * wave).max() / 6)
         return min(100 * error, 1e6)
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from hapfmt import Settings
 from hapfmt.reading.reader import Reader
-from hapfmt.replay.frames import FrameBlock
-from hapfmt.replay.profile.model import Actuator, Profile, Timing
+from hapfmt.replay.profile.model import Actuator, FrameBlock, Profile, Timing
 from hapfmt.replay.render import Renderer, assign
 from hapfmt.replay.schedule import Schedule
 

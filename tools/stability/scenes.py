@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hapfmt.lab.scenes.contact import Drive, energy, work
-from hapfmt.lab.scenes.integrators import Motion, System, default_step_s, integrate
+from hapfmt.lab.scenes.contact import Drive, Motion, System, default_step_s, energy, integrate, work
 
 from .row import Row, at_least, at_most, compared
 from .signals import Samples

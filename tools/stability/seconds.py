@@ -23,7 +23,7 @@ BASE_NS = 1_700_000_000 * 10**9
 
 
 def odd_rates() -> Row:
-    """Hourly samples for 40 days beside 15 ms of 200 kHz; float64 seconds since 1970 as times."""
+    """Hourly samples for 40 days, and 15 ms of 200 kHz; float64 seconds since 1970 as times."""
     hours, epoch = 1000, BASE_NS / 1e9
     fast = np.floor(texture(3000, 2000, band=(1e3, 80e3), rate=200_000)).astype(np.int16)
     slow = np.arange(hours, dtype=np.int32)
@@ -83,7 +83,7 @@ def late_start() -> Row:
 def stamps(
     seed: int, steps: tuple[tuple[float, float], ...] = ()
 ) -> tuple[list[ClockObservation], Samples]:
-    """(stamps a second apart for 20 minutes, what the clock told in truth, ns): 40 ppm fast, 2 ms
+    """(stamps a second apart for 20 minutes, the true readings, ns): 40 ppm fast, 2 ms
     of jitter, one in a hundred 0.1 s late and more."""
     rng = generator(seed)
     t = np.arange(1200.0)
@@ -117,7 +117,7 @@ def clocks() -> Iterator[Row]:
 
 
 def backwards() -> Row:
-    """Set back by an hour in the middle: times told twice have no one tick."""
+    """Set back by an hour in the middle: repeated times have no single tick."""
     seen, _ = stamps(2, ((600.0, -3.6e12),))
     told = np.array([each.time_ns - BASE_NS for each in seen], dtype=float)
     found = np.interp(told, told, np.arange(told.size))  # which asks for growing times

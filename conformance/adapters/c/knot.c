@@ -4,7 +4,7 @@
  *   python conformance/run.py --impl ./knot
  *
  * It shows how little a decoder needs, not all that one should do: it stops at the first damage, and of
- * the rules for files it checks what it would trip over. Clauses of SPEC.md stand in parentheses. */
+ * the rules for files it checks what it would trip over. Clauses of SPEC.md are in parentheses. */
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdint.h>

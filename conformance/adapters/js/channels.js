@@ -44,7 +44,7 @@ class Part {
     return out;
   }
 
-  // Of all spans, or of some within them.
+  // The numbers of all spans, or of some within them.
   numbers(spans = this.spans) {
     const { entry, residual } = this;
     const first = entry.pieces[0];

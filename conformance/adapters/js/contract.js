@@ -126,7 +126,7 @@ function checkChannel(one, compared, residuals) {
   return result;
 }
 
-// DBC-004: counts, words or exact values; TLV-006 where the source was put on a lattice.
+// DBC-004: counts, words or exact values; TLV-006 where the source was put on a quantisation grid.
 function sameness(source, track, channel, exact, tolerance) {
   if (source.format === 'counts') return (x, y) => BigInt.asIntN(64, x) === y;
   if (track.numberFormat === source.format || (exact && source.format === 'binary64')) return (x, y) => x === y;

@@ -8,7 +8,7 @@ import { salvage } from './salvage.js';
 const PACKET_BOUND = 2 ** 22;
 
 // -> { clusters, packets, held, damages }. held: all packets that hold, in the order in which they are looked at;
-// packets: those of them that are delivered. Of a cluster: chunk, holes (of a salvaged one), first: its place in held.
+// packets: those of them that are delivered. A cluster has chunk, holes (if salvaged), first: its place in held.
 export function deliver({ bytes, chunks, allTracks, tracks, limits, damaged, recovering, meter, note }) {
   const clusters = [];
   let count = 0;

@@ -35,7 +35,7 @@ function numbersOf({ format = 'counts', spans }, bytes) {
 function deadbandOf(job, calibration) {
   const [kn, kd] = job.k ?? [0, 1];
   const floor = job.floor ?? 1;
-  if (floor < 1) return null; // nothing but the counts themselves keeps that
+  if (floor < 1) return null; // only the counts themselves keep that
   if (kn < 0 || kd < 1 || kn >= 65536 || kd >= 65536 || floor >= 2 ** 32) refuse('a contract beyond its limits');
   const zero = Math.max(-(2 ** 31), Math.min(2 ** 31 - 1, Math.round(-calibration.B / calibration.A))) || 0;
   const contract = [];
@@ -48,7 +48,7 @@ function deadbandOf(job, calibration) {
   return { kn, kd, floor, zero, contract, uniform };
 }
 
-// Of a channel of a job, in full band.
+// The track of a channel of a job, in full band.
 export function makeTrack(number, channel, bytes, job) {
   const { format = 'counts', rate: [rateNum, rateDen], spans } = channel;
   const numbers = numbersOf(channel, bytes);

@@ -214,7 +214,7 @@ export class EntropyDecoder {
     }
   }
 
-  // Of the bucket 15.
+  // An integer of bucket 15.
   large(h) {
     const l = this.raw(6);
     // Beyond 34 bits nothing else counts: RNG-003 before the shift.

@@ -192,7 +192,7 @@ function readAncillary(file, noteIt) {
   if (file.metadata) file.metadataText = writeJson(file.metadata);
 }
 
-// 6.5, 6.6: kept in a file with damage, where they tell what is missing; checked in another.
+// 6.5, 6.6: kept in a file with damage, where they show which chunks are missing; checked in another.
 function readIndexes(file, noteIt) {
   const { bytes, chunks, damaged, held, allTracks } = file;
   const byPosition = new Map(chunks.map((chunk) => [chunk.position, chunk]));

@@ -28,7 +28,7 @@ function readTlvs(reader) {
 export function readHead(bytes, chunk) {
   const reader = new Reader(bytes, { start: chunk.payloadStart, end: chunk.end, requirement: 'HED-002' });
   const at = chunk.payloadStart;
-  // Of a HEAD that is too short the fields that are whole.
+  // A HEAD that is too short is judged by the fields that are whole.
   const size = chunk.end - at;
   const major = reader.u8();
   if (major !== 1) unsupported('VER-001', `major version ${major}`, at);

@@ -87,7 +87,7 @@ export function checkIndex(index, chunks, byPosition, times) {
   return faults;
 }
 
-// IDX-005: where more than 4 MiB of chunks stand without an index, and there was something to list.
+// IDX-005: where more than 4 MiB of chunks have no index, and there was something to list.
 export function* lateIndexes(chunks) {
   let unlisted = 0;
   for (const chunk of chunks) {

@@ -3,7 +3,7 @@
 // 2^k as a table: the operator ** is slow.
 export const POWERS = Float64Array.from({ length: 64 }, (_, k) => 2 ** k);
 
-// floor() of a binary64 quotient is the exact floor while |a| is below 2^53: a quotient that is no integer is at
+// floor() of a binary64 quotient is the exact floor while |a| is below 2^53: a quotient that is not an integer is at
 // least 1 / b away from the next one, more than half a unit in its last place.
 export function floorDiv(a, b) {
   return Math.floor(a / b);

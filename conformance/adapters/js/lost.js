@@ -1,4 +1,4 @@
-// What was lost (14.2): a walk over packets and holes in the order of the sequence numbers.
+// The losses (14.2): a walk over packets and holes in the order of the sequence numbers.
 import { unsupported } from './error.js';
 
 const MS_BOUND = 2 ** 53 - 1;
@@ -94,7 +94,7 @@ class Losses {
     else if (data.length) this.suspect(this.states.values(), hullOf(data), damage);
   }
 
-  // A file that was not closed: what was at its damaged end is not known.
+  // A file that was not closed: the content of its damaged end is not known.
   suspectTail() {
     const { file } = this;
     if (file.closed) return;

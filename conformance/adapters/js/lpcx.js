@@ -13,7 +13,7 @@ const RULE_CUBIC = 3;
 const RULE_LINEAR = 4;
 const COEFFICIENT_BOUND = 2 ** 900;
 
-// Of each component { rule, digits, coefficients, terms: [{ a, lag, w }] }.
+// For each component {  rule, digits, coefficients, terms: [{ a, lag, w }] }.
 export function parseLpcx(reader, track) {
   const { offset } = reader;
   if (track.kind !== 'full' || track.contract || track.deviation) {

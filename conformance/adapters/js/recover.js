@@ -1,4 +1,4 @@
-// Recovering a file (docs/spec/recovery.md): a writer of what was found.
+// Recovering a file (docs/spec/recovery.md): writes the chunks that were found.
 import { isCritical, isSafeToCopy, randomId } from './chunk.js';
 import { descriptionsOf } from './describe.js';
 import { INDEX_STRETCH, durationNs, packetMs } from './indexes.js';

@@ -17,7 +17,7 @@ function rawOf(chunks) {
   return { count: size / 8, sha256: hex(digest.digest()) };
 }
 
-// The places where `got` has not what is wanted: objects by the members that are wanted, lists as a whole.
+// The places where `got` differs from `want`: objects by the members of `want`, lists as a whole.
 function differences(want, got, raw, place) {
   if (want !== null && typeof want === 'object' && want.sha256 !== undefined && typeof got === 'string') {
     const { count, sha256 } = rawOf(raw.get(got)());

@@ -40,7 +40,7 @@ export function guarded(file, action) {
   }
 }
 
-// -> Map of the digest chunk's entries to what was computed at their place. A packet that breaks a rule is left out.
+// -> Map of the digest chunk's entries to the digests computed at their places. A packet that breaks a rule is left out.
 function decodeAll(file) {
   const { tracks, packets } = file;
   const states = new Map();

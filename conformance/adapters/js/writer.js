@@ -45,7 +45,7 @@ export class Writer {
     this.offset += size;
   }
 
-  // Of all chunks from the index before it on.
+  // Lists all chunks from the previous index on.
   writeIndex() {
     const list = [];
     let before = this.previous;

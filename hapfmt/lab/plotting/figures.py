@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from ...errors import ParameterError
 from ...numbers import counted
-from ..survey.compare import Comparison
-from ..survey.views import ChannelView
+from ..compare import Comparison
+from ..views import ChannelView
 from . import panels
 from .pages import Sheet, Words, amount, grid_shape, one_unit, parts_of, placed
 from .panels import (
@@ -406,7 +406,7 @@ def draw_grid(axes: Axes, rows: Sequence[Opinion]) -> None:
 
 
 def draw_level(axes: Axes, row: Opinion) -> None:
-    """Of the reference or an anchor: a line across, and its interval."""
+    """A line across for the reference or an anchor, and its interval."""
     mean, half = row.rating.mean, row.rating.half or 0
     axes.axhspan(mean - half, mean + half, color=GREY, alpha=0.2, lw=0, zorder=0)
     axes.axhline(mean, color=GREY, lw=1.2, ls=(0, (5, 3)), zorder=1)

@@ -13,8 +13,8 @@ from math import ceil, log2
 from typing import TYPE_CHECKING, Any
 
 from ...errors import ParameterError
-from ...events import Event
-from ..survey.views import ChannelView
+from ...recording import Event
+from ..views import ChannelView
 from . import panels
 from .panels import (
     DAMAGE,

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 import numpy as np
 
 from ...errors import MissingExtraError, ParameterError
-from ...events import Event
 from ...files import refuse, target
-from ..survey.views import SHOWN, ChannelView, Histogram, Outline
+from ...recording import Event
+from ..views import SHOWN, ChannelView, Histogram, Outline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

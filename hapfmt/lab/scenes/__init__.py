@@ -4,11 +4,14 @@
 
     recording, work = simulate(load_scene("sand").changed(seconds=10, seed=3))
 
-description.py  the frozen Structs of a Scene; library.py loads them from TOML and builtin/.
+description.py  the frozen Structs of a Scene, from TOML and builtin/; counters of work.
 build.py        Scene -> Recording and Work; imports only the named parts.
-tool.py         a held mass: motion.py moves it, surface.py gives the height under its tip.
+tool.py         a held mass in the air; motion.py moves it.
+touch.py        the mass in contact; surface.py gives the height under its tip.
+linear.py       exact steps of linear systems.
 grasp.py        fingers that close on an object, and their joints.
-contact.py      the contact system and its exact solver; integrators.py has the other solvers.
+contact.py      the contact system and six solvers.
+sensors.py      noise, counts and the end of the range.
 stylus.py       the stylus of `hapfmt demo`.
 """
 
@@ -19,15 +22,28 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .build import simulate
-    from .description import Contact, Hand, Object, Press, Reach, Scene, Stroke, Texture, Tool
-    from .library import builtin_names, load_scene, parse_scene, scene_text
-    from .work import Work
+    from .description import (
+        Contact,
+        Hand,
+        Object,
+        Press,
+        Reach,
+        Scene,
+        Stroke,
+        Texture,
+        Tool,
+        Work,
+        builtin_names,
+        load_scene,
+        parse_scene,
+        scene_text,
+    )
 
 _PLACES = {
-    "builtin_names": "library",
-    "load_scene": "library",
-    "parse_scene": "library",
-    "scene_text": "library",
+    "builtin_names": "description",
+    "load_scene": "description",
+    "parse_scene": "description",
+    "scene_text": "description",
     "simulate": "build",
     "Contact": "description",
     "Hand": "description",
@@ -38,7 +54,7 @@ _PLACES = {
     "Stroke": "description",
     "Texture": "description",
     "Tool": "description",
-    "Work": "work",
+    "Work": "description",
 }
 
 __all__ = [

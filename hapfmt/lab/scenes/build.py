@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import LimitError
 from ...recording import Channel, Recording
-from .description import FORCES, MOST_SAMPLES, Hand, Scene, Tool
-from .work import Work
+from .description import FORCES, MOST_SAMPLES, Hand, Scene, Tool, Work
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,17 +21,17 @@ MOST_HEIGHTS = 1 << 28
 """Points of a height field that are kept: 2 GiB."""
 
 GROUPS = {"position": "tip position", "velocity": "tip velocity", "force": "tip"}
-"""Of a tool's channels whose three axes are all recorded."""
+"""Vectors of a tool's channels, where all three axes are recorded."""
 
 Progress = Callable[[int, int], None]
 
 
 def simulate(scene: Scene, *, progress: Progress | None = None) -> tuple[Recording, Work]:
-    """The recording of a scene, and what it took.
+    """Simulate a scene; returns the recording and the counters of work.
 
-    The same scene gives the same counts on one machine and one version of NumPy; what is taken out
-    of a scene changes nothing of the rest, but for what it did to it. ``progress`` is called with
-    (parts done, parts in all).
+    The same scene gives the same counts on one machine and one version of NumPy. A part that is
+    left out changes only the samples that it affects. ``progress`` is called with (parts done,
+    parts in all).
 
     Memory: the counts, 8 bytes a sample of one channel (of a tool: of all its channels), 6 MB, and
     for a texture 8 bytes for each step.
@@ -55,18 +54,18 @@ def simulate(scene: Scene, *, progress: Progress | None = None) -> tuple[Recordi
         if progress:
             progress(done, total)
 
-    told: dict[str, Any] = {"name": scene.name, "seed": scene.seed, "rate_hz": scene.rate_hz}
+    described: dict[str, Any] = {"name": scene.name, "seed": scene.seed, "rate_hz": scene.rate_hz}
     channels: list[Channel] = []
     if scene.tool:
-        channels += tool_channels(scene, scene.tool, work, advance, told)
+        channels += tool_channels(scene, scene.tool, work, advance, described)
     if scene.hand:
-        channels += hand_channels(scene, scene.hand, work, advance, told)
-    told["work"] = {name: value for name, value in work.as_json().items() if value}
-    return Recording(tuple(channels), metadata={"scene": told}), work
+        channels += hand_channels(scene, scene.hand, work, advance, described)
+    described["work"] = {name: value for name, value in work.as_json().items() if value}
+    return Recording(tuple(channels), metadata={"scene": described}), work
 
 
 def labels(scene: Scene) -> dict[str, list[str]]:
-    """Of the channels that a scene will have, by part."""
+    """Labels of the channels that a scene will have, by part."""
     found = {}
     if scene.tool:
         found["tool"] = list(scene.tool.recorded)
@@ -78,7 +77,7 @@ def labels(scene: Scene) -> dict[str, list[str]]:
 
 
 def tool_channels(
-    scene: Scene, tool: Tool, work: Work, advance: Callable[[int], None], told: dict[str, Any]
+    scene: Scene, tool: Tool, work: Work, advance: Callable[[int], None], described: dict[str, Any]
 ) -> list[Channel]:
     from .motion import stream
     from .sensors import reading_of
@@ -92,12 +91,12 @@ def tool_channels(
         )
     of_hand, of_surface = stream(scene.seed, "tool.hand"), stream(scene.seed, "tool.surface")
     traces = run_tool(tool, grid, of_hand, of_surface, work, advance)
-    told["step_hz"] = grid.per_tick * grid.rate_hz
+    described["step_hz"] = grid.per_tick * grid.rate_hz
     if tool.contact:
-        told |= {"contact_n_per_m": tool.contact.n_per_m,
+        described |= {"contact_n_per_m": tool.contact.n_per_m,
                  "integrator": default_integrator(tool.contact)}  # fmt: skip
     if tool.texture:
-        told["texture"] = tool.texture.surface
+        described["texture"] = tool.texture.surface
     channels = []
     for label in tool.recorded:
         reading = reading_of(label, tool.sensor)
@@ -131,10 +130,10 @@ def run_tool(
 ) -> dict[str, Floats]:
     """What its sensors would see without noise: [ticks] in newtons, metres, m/s, by channel.
 
-    ``solve`` stands for :func:`hapfmt.lab.scenes.integrators.integrate`.
+    ``solve`` stands for :func:`hapfmt.lab.scenes.contact.integrate`.
     """
     if tool.contact is None:
-        from .free import run_free
+        from .tool import run_free
 
         return run_free(tool, grid, of_hand, work, advance)
     from .touch import run_touching
@@ -143,7 +142,7 @@ def run_tool(
 
 
 def hand_channels(
-    scene: Scene, hand: Hand, work: Work, advance: Callable[[int], None], told: dict[str, Any]
+    scene: Scene, hand: Hand, work: Work, advance: Callable[[int], None], described: dict[str, Any]
 ) -> list[Channel]:
     from .grasp import labels_of, run_hand
     from .motion import stream
@@ -151,7 +150,7 @@ def hand_channels(
     if hand.object:
         from .tool import default_integrator
 
-        told |= {"object_n_per_m": hand.object.n_per_m,
+        described |= {"object_n_per_m": hand.object.n_per_m,
                  "object_integrator": default_integrator(hand.object)}  # fmt: skip
     found = {}
     for signal in run_hand(hand, scene.ticks, scene.rate_hz, scene.seed, work, advance):

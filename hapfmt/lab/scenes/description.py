@@ -1,12 +1,16 @@
-"""The description of a scene: frozen Structs, the same from TOML and from Python.
+"""The description of a scene: frozen Structs, the same from TOML and from Python, and its files.
 
 Only the parts that a description names are imported, built and computed: a height field only with
 a texture, a contact solver only with a contact, a finger's channels only with that finger.
 docs/scenes.md lists every key.
+
+``Work`` counts the work that a scene took. Each counter is updated where the work is done, so a
+part that did not run shows 0.
 """
 
 from __future__ import annotations
 
+from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal, get_args
 
 from msgspec import Meta
@@ -15,12 +19,16 @@ from msgspec.structs import force_setattr, replace
 from ...descriptions import (
     Description,
     DescriptionError,
+    Library,
     above,
     fields_of,
+    parse_toml,
+    read,
     refuse_twice,
     what,
     within,
 )
+from ...errors import HapfmtError
 
 Integrator = Literal["explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4", "exact"]
 INTEGRATORS = get_args(Integrator)
@@ -37,7 +45,7 @@ Speed = Annotated[float, Meta(ge=1e-3, le=1)]
 Hertz = Annotated[float, Meta(ge=0.1, le=50)]
 
 MOST_SAMPLES = 1 << 28
-"""Of a recording, all channels together: 2 GiB while they are made."""
+"""Most samples of a recording, all channels together: 2 GiB while they are made."""
 
 STIFFEST_N_PER_M = 1e7
 """A steel rod of 1 cm^2 and 2 m."""
@@ -340,3 +348,61 @@ def hand_without(hand: Hand, parts: tuple[str, ...]) -> Hand:
         switched["tremor"] = None
     left = tuple(name for name in hand.fingers if name not in parts)
     return replace(hand, fingers=left, **switched)
+
+
+LIBRARY = Library(__package__, "scene")
+
+
+def builtin_names() -> tuple[str, ...]:
+    """Names of the scenes that come with the package, sorted."""
+    return LIBRARY.names()
+
+
+def scene_text(name_or_path: str) -> str:
+    """The TOML of the built-in scene of this name, or else of the file."""
+    return LIBRARY.text(name_or_path)
+
+
+def load_scene(name_or_path: str) -> Scene:
+    """The built-in scene of this name, or else the one in this TOML file."""
+    return parse_scene(scene_text(name_or_path), path=name_or_path)
+
+
+def parse_scene(text: str, path: str | None = None) -> Scene:
+    """TOML -> Scene; ``path`` is named in errors."""
+    try:
+        return read(Scene, parse_toml(text))
+    except HapfmtError as error:
+        raise error.at(path=path) from None
+
+
+@dataclass
+class Work:
+    """Counters of the computed parts.
+
+    step_count
+        steps of tool and fingers, all axes.
+    contact_step_count
+        steps that a contact solver took; the others are exact steps of linear parts, one a tick.
+    unstable_count
+        steps longer than the limit of stability of their integrator.
+    height_count
+        points of a height field.
+    finger_count, tremor_count, channel_count, sample_count
+        fingers, points of tremor, channels and samples.
+    saturated_count
+        samples at the end of their sensor's range.
+    """
+
+    step_count: int = 0
+    contact_step_count: int = 0
+    unstable_count: int = 0
+    height_count: int = 0
+    finger_count: int = 0
+    tremor_count: int = 0
+    channel_count: int = 0
+    sample_count: int = 0
+    saturated_count: int = 0
+
+    def as_json(self) -> dict[str, int]:
+        return asdict(self)

@@ -16,15 +16,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .description import FINGERS, Hand
+from .description import FINGERS, Hand, Work
 from .motion import Floats, Repeats, StepGrid, Waves, minimum_jerk, stream
 from .sensors import JOINT, Reading, force_reading
 from .tool import Advance, contact_grid
-from .work import Work
 
 if TYPE_CHECKING:
+    from .contact import System
     from .description import Object
-    from .integrators import System
 
 GAPE_M = 0.105
 """Between thumb and fingers of an open hand; joints of a hand that has closed it are those of a
@@ -162,7 +161,7 @@ def gripped(hand: Hand, since: Floats) -> Floats:
 
 
 def labels_of(hand: Hand) -> list[str]:
-    """Of its channels, in their order."""
+    """Labels of the hand's channels, in their order."""
     forces = [f"{name} force" for name in FINGERS if hand.object and name in hand.fingers]
     return [*(joint.label for joint in joints_of(hand)), *forces]
 
@@ -234,7 +233,7 @@ def run_finger(
 
 
 def system_of_finger(touched: Object) -> System:
-    from .integrators import System
+    from .contact import System
 
     damper = 2 * touched.damping * (touched.n_per_m * FINGER_KG) ** 0.5
     return System(FINGER_KG, FINGER_N_PER_M, FINGER_NS_PER_M, touched.n_per_m, damper)

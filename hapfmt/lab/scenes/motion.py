@@ -49,7 +49,7 @@ class StepGrid:
         return 1 / (self.rate_hz * self.per_tick)
 
     def times(self, start: int, stop: int) -> Floats:
-        """Of steps [start, stop), in seconds."""
+        """Times of the steps [start, stop), in seconds."""
         return np.arange(start, stop, dtype=np.float64) * self.dt_s
 
     def blocks(self) -> Iterator[tuple[int, int]]:

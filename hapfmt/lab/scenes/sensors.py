@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...recording import Calibration
-from .description import Sensor
+from .description import Sensor, Work
 from .motion import Floats
-from .work import Work
 
 RESOLUTION_BITS = 31
 READ_SAMPLES = 1 << 18
@@ -64,7 +63,7 @@ def force_reading(sensor: Sensor | None = None) -> Reading:
 
 
 def reading_of(label: str, sensor: Sensor | None) -> Reading:
-    """Of a tool's channel by its name."""
+    """How a sensor reads a tool's channel, by the channel's name."""
     if "force" in label:
         return force_reading(sensor)
     return POSITION if label.startswith("position") else VELOCITY

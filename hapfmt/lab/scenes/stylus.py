@@ -25,12 +25,11 @@ from ...descriptions import read
 from ...errors import ParameterError
 from ...recording import Channel, Recording
 from .build import run_tool
-from .description import FORCES, STIFFEST_N_PER_M, Contact, Stroke, Texture, Tool
-from .integrators import Motion, System
-from .matrix import exponential
+from .contact import Motion, System
+from .description import FORCES, STIFFEST_N_PER_M, Contact, Stroke, Texture, Tool, Work
+from .linear import exponential
 from .motion import Floats, StepGrid
 from .sensors import force_reading
-from .work import Work
 
 HELD = Tool(stroke=Stroke())
 """Stylus and hand as seen from the tip: 60 g, 250 N/m, 3 Ns/m; alone they swing at 10 Hz."""
@@ -151,7 +150,7 @@ def held(
 ) -> Motion:
     """Exact steps under a drive that is held for each of them, in the mode that each begins in.
 
-    As :func:`hapfmt.lab.scenes.integrators.integrate`, whose "exact" is better: here a contact is
+    As :func:`hapfmt.lab.scenes.contact.integrate`, whose "exact" is better: here a contact is
     noticed up to a step late. The recordings of this module, which are measured with in many
     places, are those of these steps.
     """

@@ -13,9 +13,8 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from .description import Texture
+from .description import Texture, Work
 from .motion import Floats, StepGrid, StrokeMotion
-from .work import Work
 
 Heights = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 """x and y in metres, [points] each, to heights in metres, [points]."""

@@ -8,15 +8,14 @@ from typing import Protocol
 import numpy as np
 
 from ...errors import ParameterError
-from .description import Contact, Tool
-from .integrators import INTEGRATORS, Motion, System, integrate
+from .contact import INTEGRATORS, Motion, System, integrate
+from .description import Contact, Tool, Work
 from .motion import Floats, StepGrid
 from .tool import Advance, asked_for, default_integrator, in_plane, system_of
-from .work import Work
 
 
 class Solve(Protocol):
-    """As :func:`hapfmt.lab.scenes.integrators.integrate`."""
+    """As :func:`hapfmt.lab.scenes.contact.integrate`."""
 
     def __call__(
         self,
@@ -133,7 +132,7 @@ def run_touching(
         stroke.x = stroke.y = 0.0
     plane, sideways = in_plane(tool), asked_for(tool, "tangential")
     if plane:
-        from .free import record_plane
+        from .tool import record_plane
     for start, stop in grid.blocks():
         rows, t = grid.ticks_of(start, stop), grid.times(start, stop)
         surface = profile.surface(start, min(stop + 1, grid.steps)) if profile else None

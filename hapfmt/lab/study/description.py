@@ -263,7 +263,7 @@ def fifth(rating: float, scale: tuple[str, ...] = SCALE) -> str:
 
 WEBER = (0.05, 0.1, 0.2)
 BITS = (2, 5, 8)
-"""Of the residual, as in the paper's Fig. 4; 0 is the anchor."""
+"""Bits of the residual, as in the paper's Fig. 4; 0 is the anchor."""
 
 HEAD = """\
 # A study: how near do these come to the reference? Edit it before the first answer; every key is

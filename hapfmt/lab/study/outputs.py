@@ -23,13 +23,13 @@ from .description import Study
 from .prepare import Prepared
 
 if TYPE_CHECKING:
-    from ...replay.process.report import ReplayReport
+    from ...replay.process.loop import ReplayReport
     from ...replay.profile.model import Profile
     from ...replay.render import Renderer
 
 RATE_HZ = 48_000
 HEADROOM = 0.5
-"""Of the reference's largest value: a condition may overshoot by as much again."""
+"""Level of the reference's largest value: a condition may overshoot to twice that value."""
 RAMP_S = 0.02
 """Raised cosine at both ends, against clicks."""
 PCM_24 = Calibration(1, 0, 1 << 23)
@@ -151,7 +151,7 @@ class FeltStimulus(NamedTuple):
 
 class StudyOutput(Protocol):
     @property
-    def told(self) -> dict[str, Any]:
+    def description(self) -> dict[str, Any]:
         """Stored with the answers; must be equal when a session is resumed."""
 
     def play(self, path: Path, label: str) -> FeltStimulus:
@@ -167,7 +167,7 @@ class ChannelMap(NamedTuple):
     by_order: bool = False
 
     @property
-    def told(self) -> dict[str, Any]:
+    def description(self) -> dict[str, Any]:
         by_order = self.by_order
         found = {"channels": list(self.given), "ignored": list(self.ignored), "by_order": by_order}
         return {name: value for name, value in found.items() if value}
@@ -197,7 +197,7 @@ class Nowhere:
         self.profile, self.gain, self.mapping = profile, gain, mapping
 
     @property
-    def told(self) -> dict[str, Any]:
+    def description(self) -> dict[str, Any]:
         return {"kind": "dry-run", **(told_of(self.profile) if self.profile else {})}
 
     def play(self, path: Path, label: str) -> FeltStimulus:  # noqa: ARG002
@@ -227,9 +227,9 @@ class DeviceOutput:
         self.watchdog = watchdog
 
     @property
-    def told(self) -> dict[str, Any]:
+    def description(self) -> dict[str, Any]:
         profile = told_of(self.profile)
-        return {"kind": "device", **profile, "gain": self.gain, **self.mapping.told}
+        return {"kind": "device", **profile, "gain": self.gain, **self.mapping.description}
 
     def play(self, path: Path, label: str) -> FeltStimulus:  # noqa: ARG002
         from ...reading.reader import Reader
@@ -307,7 +307,7 @@ class SoundCard(Sound):
         self.card = card
 
     @property
-    def told(self) -> dict[str, Any]:
+    def description(self) -> dict[str, Any]:
         return {"kind": "sound", "channel": self.card.channel, "device": self.card.device}
 
     def play(self, path: Path, label: str) -> FeltStimulus:  # noqa: ARG002
@@ -323,7 +323,7 @@ class WavFiles(Sound):
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
 
-    told = {"kind": "wav"}  # noqa: RUF012
+    description = {"kind": "wav"}  # noqa: RUF012
 
     def play(self, path: Path, label: str) -> FeltStimulus:
         from ...convert import save

@@ -99,9 +99,9 @@ def load(folder: Path, wanted: dict[str, Any]) -> list[Stimulus] | None:
     """The stimuli prepared earlier, if every byte is intact; else None."""
     try:
         with open_regular(folder / MANIFEST, LARGEST_MANIFEST) as stream:
-            told = json.loads(stream.read())
-        rows = told.pop("stimuli")
-        if told != wanted:
+            found = json.loads(stream.read())
+        rows = found.pop("stimuli")
+        if found != wanted:
             return None
         stimuli = [Stimulus(**{**row, "path": folder / row["path"]}) for row in rows]
         whole = all(digest_of(each.path) == each.sha256 for each in stimuli)

@@ -195,8 +195,8 @@ def refuse_head(head: AnswersHeading) -> None:
     sessions, repeats = {each[0] for each in asked}, {each[2] for each in asked}
     wanted = set(product(sessions, names, repeats))
     known = names.issuperset(each[1] for each in head.order)
-    told = all(each.bits_per_sample.keys() == sessions for each in head.conditions)
-    if not told or not asked or len(asked) != len(wanted) or set(asked) != wanted or not known:
+    sized = all(each.bits_per_sample.keys() == sessions for each in head.conditions)
+    if not sized or not asked or len(asked) != len(wanted) or set(asked) != wanted or not known:
         raise ParameterError("line 1: the order is not every condition in every session")
     roles = [each.role for each in head.conditions]
     if len(names) != len(roles) or roles.count("reference") != 1:
@@ -237,7 +237,7 @@ class AnswerFile:
                 tell(f"{path}: the last line was torn ({torn} bytes) and is ignored")
             begun = found is not None and bool(found.lines)
             self.answers = found if found is not None and begun else Answers(head)
-            # A first line without an answer binds nobody.
+            # A file that holds no answer yet may belong to any study.
             self.size = len(data) - torn if begun else 0
             os.ftruncate(self.descriptor, self.size)
             if not begun:
@@ -293,8 +293,8 @@ def refuse_others(found: dict[str, Any], wanted: dict[str, Any]) -> None:
             "them; give a new --answers"
         )
     if found["output"] != wanted["output"]:
-        told = " and ".join(json.dumps(each["output"]) for each in (found, wanted))
-        raise ParameterError(f"its answers were felt in another way than now: {told}")
+        ways = " and ".join(json.dumps(each["output"]) for each in (found, wanted))
+        raise ParameterError(f"its answers were felt in another way than now: {ways}")
 
 
 class NotYetError(ParameterError):

@@ -23,7 +23,7 @@ LEVEL = 0.95
 
 
 class Mean(NamedTuple):
-    """Of n numbers; the interval is None where one number says nothing of others."""
+    """Mean of n numbers; the interval is None for a single number."""
 
     n: int
     mean: float
@@ -91,15 +91,15 @@ class StudySummary(NamedTuple):
     unfinished: tuple[Subject, ...]
     screened_out: tuple[str, ...]
     rows: tuple[SummaryRow, ...]
-    """Of all subjects."""
+    """Rows over all subjects."""
     kept: tuple[SummaryRow, ...]
-    """Of those who were not screened out; none where nobody is left."""
+    """Rows over the subjects who were not screened out; empty if all were."""
     sessions: tuple[str, ...]
     notes: tuple[str, ...]
 
 
 def summarise(answers: Sequence[Answers]) -> StudySummary:
-    """Of the answers of one study, each subject's in one of them."""
+    """Summary of the answers of one study; each element has the answers of one subject."""
     if not answers:
         raise ParameterError("a summary needs answers")
     first = answers[0]
@@ -136,22 +136,22 @@ def refuse_mixed(first: Answers, other: Answers) -> None:
     same = first.head["study"] == other.head["study"] and (
         first.head["conditions"] == other.head["conditions"]
         and first.head["stimuli_sha256"] == other.head["stimuli_sha256"]
-        and asked(first) == asked(other)
+        and untrained(first) == untrained(other)
     )
     if not same:
-        told = [
+        studies = [
             f"{a.head['study'].get('name', '')!r} ({str(a.head['study'].get('sha256'))[:12]}..., "
             f"files {a.head['stimuli_sha256'][:12]}...)"
             for a in (first, other)
         ]
         raise ParameterError(
-            f"answers to {told[1]} cannot be put together with {first.path}, to {told[0]}",
+            f"answers to {studies[1]} cannot be put together with {first.path}, to {studies[0]}",
             path=other.path,
         )
 
 
-def asked(answers: Answers) -> list[Trial]:
-    """In whatever order; what is trained depends on which session comes first."""
+def untrained(answers: Answers) -> list[Trial]:
+    """Trials in sorted order, without training, which depends on the first session."""
     return sorted(trial for trial in answers.trials if not trial.training)
 
 
@@ -173,8 +173,8 @@ def subject_of(answers: Answers) -> Subject:
             misses += rated[number] < below
     means = {cell: float(np.mean(ratings)) for cell, ratings in cells.items()}
     output = answers.head["output"]
-    told = " ".join(f"{name} {value}" for name, value in output.items() if value is not None)
-    return Subject(answers.subject, means, missing, misses, items, told)
+    words = " ".join(f"{name} {value}" for name, value in output.items() if value is not None)
+    return Subject(answers.subject, means, missing, misses, items, words)
 
 
 def rows_of(
@@ -225,7 +225,7 @@ def notes_on(answers: Sequence[Answers], subjects: Sequence[Subject]) -> list[st
     return notes
 
 
-def as_json(summary: StudySummary) -> dict[str, Any]:
+def summary_json(summary: StudySummary) -> dict[str, Any]:
     return {
         "study": summary.study,
         "level": LEVEL,

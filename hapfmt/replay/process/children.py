@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import IO, Any, cast
 
 LINES, COLUMNS = 200, 2000
-"""Of what is kept of a process that talks."""
+"""Most lines and columns that are kept of a child's output."""
 
 
 def start(module: str, stderr: int | None = None) -> subprocess.Popen[bytes]:
@@ -76,7 +76,7 @@ class Errors:
     def hear(self, line: str) -> None:
         if line.startswith('{"watchdog": '):
             with suppress(ValueError, KeyError, TypeError):
-                self.watchdog = told(json.loads(line)["watchdog"])
+                self.watchdog = watchdog_text(json.loads(line)["watchdog"])
                 return
         if line and len(self.lines) < LINES:
             self.lines.append(line[:COLUMNS])
@@ -88,13 +88,13 @@ class Errors:
             self.lines.append(f"a process has not ended after {seconds:.0f} s more")
 
 
-def told(state: dict[str, Any]) -> str:
+def watchdog_text(state: dict[str, Any]) -> str:
     text = f"tripped: {state['cause']}; the device took {state['sent']} neutral frames"
     return text + (f", {state['failed']} not: {state['error']}" if state["failed"] else "")
 
 
 PRIORITY = 50
-"""Of SCHED_FIFO (1 to 99), the middle."""
+"""Priority under SCHED_FIFO: the middle of 1 to 99."""
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 PR_SET_TIMERSLACK = 29
 LATENCY = Path("/dev/cpu_dma_latency")
@@ -177,7 +177,7 @@ def nicer(why: str) -> str:
 def lock_memory() -> str:
     """No page that was used once has to come back from the disk.
 
-    Pages that nobody touched are left: with all of them, 99 MB instead of 30, the end of a writer
+    Unused pages are left out: with all of them, 99 MB instead of 30, the end of a writer
     that is killed takes 9 ms longer to reach its watchdog.
     """
     if sys.platform != "linux":

@@ -1,4 +1,4 @@
-"""The player's side of a replay on a device: starts the writer, feeds it, ends it.
+"""The player's side of a replay on a device: starts the writer, feeds it, ends it; reads the keys.
 
 A thread renders blocks ahead of time, at most one second of them. Every wait has a time limit. On
 any exception the pipe to the writer closes. A writer whose player has gone ramps to rest by itself.
@@ -6,27 +6,158 @@ any exception the pipe to the writer closes. A writer whose player has gone ramp
 
 from __future__ import annotations
 
+import atexit
+import os
 import queue
 import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
 from ...errors import HapfmtError, ParameterError
 from ...reading.packets import Seconds
-from ..frames import FrameBlock, FrameSink
-from ..profile.model import Profile
+from ..profile.model import FrameBlock, FrameSink, Profile
 from ..profile.parse import parse_profile
 from . import loop
-from .blocks import pack_block, parse_log, parts
 from .children import Errors, descriptor, seconds, start
-from .keys import Key
-from .loop import Signals
-from .pipes import Kind, Message, MessageError, inlet, outlet, pack, pack_json
-from .report import ReplayReport
+from .loop import ReplayReport, Signals
+from .pipes import (
+    Kind,
+    Message,
+    MessageError,
+    inlet,
+    outlet,
+    pack,
+    pack_block,
+    pack_json,
+    parse_log,
+    parts,
+)
+
+Key = Literal["pause", "back", "forward", "stop"]
+BYTES: dict[bytes, Key] = {
+    b" ": "pause",
+    b"q": "stop",
+    b"Q": "stop",
+    b"\x1b[D": "back",
+    b"\x1b[C": "forward",
+    b"\x1bOD": "back",
+    b"\x1bOC": "forward",
+}
+WINDOWS: dict[str, Key] = {
+    " ": "pause",
+    "q": "stop",
+    "Q": "stop",
+    "\xe0K": "back",
+    "\xe0M": "forward",
+    "\0K": "back",
+    "\0M": "forward",
+}
+LONGEST = max(map(len, BYTES))
+
+
+class TerminalKeys:
+    """In a ``with`` block the terminal gives each key at once and shows none; after it, and at any
+    exit of the interpreter, it is as before. Where there is no terminal, no key comes."""
+
+    def __init__(self, descriptor: int | None = None) -> None:
+        self.descriptor = descriptor
+        self.before: Any = None
+        self.waiting = b""
+
+    def __enter__(self) -> TerminalKeys:
+        if self.descriptor is None:
+            with suppress(OSError, ValueError, AttributeError):
+                self.descriptor = sys.stdin.fileno()
+        if self.descriptor is None or not os.isatty(self.descriptor):
+            self.descriptor = None
+        elif sys.platform != "win32":
+            self.begin(self.descriptor)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.restore()
+
+    if sys.platform != "win32":
+
+        def begin(self, descriptor: int) -> None:
+            import termios
+
+            try:
+                self.before = termios.tcgetattr(descriptor)
+                changed = termios.tcgetattr(descriptor)
+                changed[3] &= ~(termios.ICANON | termios.ECHO)
+                off = os.fpathconf(descriptor, "PC_VDISABLE")
+                # Ctrl-Z would stop the player and not the device; Ctrl-\\ leave the terminal so.
+                for place in (termios.VSUSP, termios.VQUIT):
+                    changed[6][place] = bytes([off & 0xFF])
+                changed[6][termios.VMIN], changed[6][termios.VTIME] = 0, 0
+                termios.tcsetattr(descriptor, termios.TCSADRAIN, changed)
+            except (termios.error, OSError):
+                self.restore()
+                self.descriptor = None
+            else:
+                atexit.register(self.restore)
+
+        def restore(self) -> None:
+            import termios
+
+            if self.before is not None and self.descriptor is not None:
+                with suppress(termios.error, OSError):  # the terminal may have gone
+                    termios.tcsetattr(self.descriptor, termios.TCSANOW, self.before)
+            self.before = None
+            atexit.unregister(self.restore)
+
+        def pressed(self) -> list[Key]:
+            """Keys since the last call; unknown keys are dropped."""
+            if self.descriptor is None:
+                return []
+            try:
+                self.waiting += os.read(self.descriptor, 1 << 10)
+            except BlockingIOError:
+                pass
+            except OSError:
+                self.descriptor = None
+            found, self.waiting = split(self.waiting)
+            return found
+
+    else:
+
+        def restore(self) -> None:
+            """Nothing was changed."""
+
+        def pressed(self) -> list[Key]:
+            import msvcrt
+
+            found: list[Key] = []
+            while self.descriptor is not None and msvcrt.kbhit():
+                key = msvcrt.getwch()
+                if key in "\0\xe0":
+                    key += msvcrt.getwch()
+                if key in WINDOWS:
+                    found.append(WINDOWS[key])
+            return found
+
+
+def split(data: bytes) -> tuple[list[Key], bytes]:
+    """Keys, and what may be the beginning of one."""
+    found: list[Key] = []
+    while data:
+        for size in range(1, LONGEST + 1):
+            if data[:size] in BYTES:
+                found.append(BYTES[data[:size]])
+                data = data[size:]
+                break
+        else:
+            if len(data) < LONGEST and any(name.startswith(data) for name in BYTES):
+                return found, data
+            data = data[1:]
+    return found, b""
+
 
 WAITING = 32
 """Blocks of some 50 ms each."""
@@ -98,7 +229,7 @@ class Feeding:
         self.put(nothing)
 
     def put(self, block: FrameBlock) -> bool:
-        """Waits for room; False once nobody wants it."""
+        """Waits for room; False once the player has stopped."""
         while not self.halted.is_set():
             try:
                 self.ready.put(block, timeout=0.05)
@@ -128,7 +259,7 @@ AHEAD_S = 1.0
 PREFILL_S = 0.2
 """Before the start; an hour-long file starts as soon."""
 JUMP_S = 5.0
-"""Of an arrow key."""
+"""Seconds that an arrow key jumps."""
 TURN_S = 0.02
 ALIVE_S = 0.25
 STATUS_S = 0.1
@@ -237,7 +368,7 @@ class Player:
         self.status: dict[str, Any] = {}
         self.end: dict[str, Any] | None = None
         self.error: BaseException | None = None
-        """Of the file, or of what gets the record."""
+        """Error of the file, or of the sink of the record."""
         self.trouble = ""
         """With the writer."""
         now = seconds()
@@ -372,15 +503,15 @@ class Player:
             self.trouble = "the writer did not come to rest in time"
         elif self.on_status is not None and self.status and now - self.status_at > STATUS_S:
             self.status_at = now
-            told = self.status
+            status = self.status
             self.on_status(
                 PlayerStatus(
                     self.position(),
-                    told["state"],
-                    told["sent"],
-                    told["skipped"],
-                    told["under_runs"],
-                    told["max_late_us"],
+                    status["state"],
+                    status["sent"],
+                    status["skipped"],
+                    status["under_runs"],
+                    status["max_late_us"],
                 )
             )
 
@@ -398,7 +529,7 @@ class Player:
         except subprocess.TimeoutExpired:
             self.writer.kill()
             self.trouble = (self.trouble or "the writer did not go") + ", and was killed"
-            # In a call of the kernel that does not come back even this may be in vain.
+            # Even this may fail, in a call of the kernel that does not return.
             with suppress(subprocess.TimeoutExpired):
                 self.writer.wait(END_S)
         self.target.close()

@@ -27,7 +27,7 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 from ...errors import DeviceError, HapfmtError
-from ..frames import Frame, FrameSink
+from ..profile.model import Frame, FrameSink
 from ..sinks import open_sink
 from . import children
 from .children import clock, descriptor, seconds, start
@@ -81,7 +81,7 @@ class Watchdog:
         self.alive_at = 0.0
         self.goodbye = False
         self.turn = 0
-        """Of the neutral frames, in which some count."""
+        """Number of the neutral frame; some frames contain it."""
         self.sent = self.failed = 0
         self.error = ""
         self.asked = asked
@@ -108,7 +108,7 @@ class Watchdog:
             if now - self.alive_at >= ALIVE_S:
                 self.alive_at = now
                 self.target.send(pack_json(Kind.ALIVE))
-            self.tell_asked()
+            self.report_signal()
             self.source.wait(min(self.setup.heartbeat_s - silent_s, ALIVE_S))
 
     def listen(self) -> None:
@@ -121,7 +121,7 @@ class Watchdog:
             # Malformed messages mean that the writer is faulty.
             self.source.ended = True
 
-    def tell_asked(self) -> None:
+    def report_signal(self) -> None:
         if self.asked:
             self.target.send(pack_json(Kind.GOODBYE, signal=self.asked.pop()))
 
@@ -239,7 +239,7 @@ class Guard:
         """The signal that asked it to end."""
 
     def begin(self, heartbeat_s: float, **setup: Any) -> None:
-        """Waits until it has its own handle; from then on it must hear us. Raises DeviceError."""
+        """Waits until it has its own handle; then it needs heartbeats. Raises DeviceError."""
         self.heartbeat_ns = round(heartbeat_s * 1e9)
         self.target.send(pack_json(Kind.SETUP, heartbeat_s=heartbeat_s, **setup))
         self.target.drain(1.0)

@@ -109,10 +109,10 @@ def warm_up(profile: Profile) -> None:
     """What a frame needs was used once before the first: pages, caches, modules."""
     import numpy as np
 
-    from ..frames import FrameBlock
+    from ..profile.model import FrameBlock
     from ..profile.packing import Packer
     from ..schedule import Schedule
-    from .blocks import Sent, pack_block, pack_log, parse_block
+    from .pipes import Sent, pack_block, pack_log, parse_block
 
     shape = (64 * profile.timing.frame_samples, len(profile.actuators))
     schedule, packer = Schedule(profile), Packer(profile)

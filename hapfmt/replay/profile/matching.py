@@ -27,7 +27,7 @@ DESCRIPTOR_LIMIT = 4096
 REPORT_LIMIT = 16384
 """Bytes of a report; as in Linux (HID_MAX_BUFFER_SIZE)."""
 DEPTH_LIMIT = 64
-"""Of collections within collections, and of pushed states."""
+"""Deepest nesting of collections, and of pushed states."""
 
 DATA_SIZES = (0, 1, 2, 4)
 LONG_ITEM = 0xFE
@@ -44,7 +44,7 @@ class Item(NamedTuple):
     tag: int
     value: int
     size: int
-    """Of the value, in bytes."""
+    """Size of the value, in bytes."""
 
 
 class Globals(NamedTuple):
@@ -140,7 +140,7 @@ def parse_descriptor(data: bytes) -> Descriptor:
                 state = changed(state, item)
                 uses_ids = uses_ids or item.tag == REPORT_ID
         elif item.type == LOCAL and item.tag in (USAGE, USAGE_MINIMUM):
-            # Of several before a collection Linux takes the first and hidapi the last: all count.
+            # Linux takes the first of several before a collection, hidapi the last: all count.
             local.append(item)
     if depth:
         fail("it ends within a collection", len(data))
@@ -226,13 +226,13 @@ class SentReport(NamedTuple):
 
 def fits(match: Match, device: SystemDevice) -> bool:
     """Where the system does not tell a usage (libusb), only the descriptor can deny it."""
-    told = device.usage_page or device.usage
+    has_usage = device.usage_page or device.usage
     return (
         match.vendor_id == device.vendor_id
         and match.product_id in (None, device.product_id)
         and match.bus in (None, device.bus)
-        and (not told or match.usage_page in (None, device.usage_page))
-        and (not told or match.usage in (None, device.usage))
+        and (not has_usage or match.usage_page in (None, device.usage_page))
+        and (not has_usage or match.usage in (None, device.usage))
     )
 
 
@@ -275,7 +275,7 @@ def choose(
         return at_path(profile, wanted, devices)
     if not fitting:
         raise ParameterError(
-            f"no device that the profile {profile.name} fits is connected ({asked(profile)}); "
+            f"no device that the profile {profile.name} fits is connected ({matches_of(profile)}); "
             "hapfmt devices lists what is connected"
         )
     if len(fitting) > 1:
@@ -294,13 +294,13 @@ def at_path(profile: Profile, path: bytes, devices: Sequence[SystemDevice]) -> S
         raise ParameterError(f"no HID device has the path {place}; hapfmt devices lists them")
     if profile.matches:
         raise ParameterError(
-            f"the profile {profile.name} does not fit {place}: it is for {asked(profile)}, and "
-            f"this is {described(there[0])}"
+            f"the profile {profile.name} does not fit {place}: it is for {matches_of(profile)}, "
+            f"and this is {described(there[0])}"
         )
     return there[0]
 
 
-def asked(profile: Profile) -> str:
+def matches_of(profile: Profile) -> str:
     """What a profile matches, in words."""
     return " or ".join(match_text(match) for match in profile.matches) or "no device in particular"
 
@@ -346,7 +346,9 @@ def differences(profile: Profile, descriptor: Descriptor) -> list[str]:
         for page, usage in usages
     ):
         has = ", ".join(f"{page:04x}/{usage:04x}" for page, usage in descriptor.usages) or "none"
-        found.append(f"the profile is for {asked(profile)}, but the device has the usages {has}")
+        found.append(
+            f"the profile is for {matches_of(profile)}, but the device has the usages {has}"
+        )
     return found
 
 

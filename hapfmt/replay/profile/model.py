@@ -1,6 +1,7 @@
 """A device profile: its actuators, reports and safety limits (docs/spec/players.md).
 
-Also the byte layout of one report; ``at`` counts from the report id.
+Also the byte layout of one report; ``at`` counts from the report id. And the frames that renderer,
+schedule and sinks exchange.
 """
 
 from __future__ import annotations
@@ -9,7 +10,11 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from math import ceil, floor
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 Path = Literal["output", "feature"]
 
@@ -33,7 +38,7 @@ class Integer:
 
     @property
     def code(self) -> str:
-        """Of the module struct."""
+        """Format character of the module struct."""
         return _CODES[self.name.removesuffix("be")]
 
     @property
@@ -193,7 +198,7 @@ class Timing:
     neutral_count: int = 5
     """Times that the neutral frame is sent at the end."""
     device_timeout_s: float | None = None
-    """After which the device goes to rest by itself; None: it does not, or nobody knows."""
+    """Time after which the device goes to rest by itself; None: it does not, or that is unknown."""
 
     @property
     def period(self) -> Fraction:
@@ -211,13 +216,13 @@ class Profile:
     timing: Timing
     actuators: tuple[Actuator, ...]
     reports: tuple[ReportLayout, ...] = ()
-    """Of one frame, in the order they are sent."""
+    """Reports of one frame, in the order they are sent."""
     neutral: tuple[HidReport, ...] = ()
     """Instead of a frame at rest, where the device has a report for it."""
     init: tuple[HidReport, ...] = ()
     exit: tuple[HidReport, ...] = ()
     gain: float = 0.5
-    """Of everything, unless the caller says otherwise."""
+    """Gain of all actuators, unless the caller gives another."""
     text: str = ""
     """The TOML that it was parsed from."""
 
@@ -228,7 +233,7 @@ class Profile:
 
     @cached_property
     def count_limits(self) -> tuple[CountLimits, ...]:
-        """Of each actuator."""
+        """The limits of each actuator in counts."""
         return tuple(map(self.limits, self.actuators))
 
     def limits(self, actuator: Actuator) -> CountLimits:
@@ -239,3 +244,39 @@ class Profile:
             floor(exact(actuator.rest) / step + Fraction(1, 2)),
             floor(exact(actuator.slew) / self.timing.rate / step),
         )
+
+
+class FrameBlock(NamedTuple):
+    """Values for the device, rendered ahead of their time.
+
+    ``values`` [samples, actuators], in the actuator's unit, calibrated; ``known`` [samples,
+    actuators]: False where there is nothing to play (a gap, an actuator that nothing is assigned
+    to, the end), whatever the value says. ``first``: number of the first sample since the start of
+    the replay at the device's rate. ``generation``: 0, and one more after each seek; ``last``:
+    nothing comes after it.
+    """
+
+    first: int
+    values: NDArray[np.float64]
+    known: NDArray[np.bool_]
+    generation: int = 0
+    last: bool = False
+
+
+class Frame(NamedTuple):
+    """What is due: ``counts`` [frame_samples][actuators], within every limit of the profile."""
+
+    number: int
+    due_ns: int
+    """Since the start of the replay."""
+    counts: tuple[tuple[int, ...], ...]
+
+
+class FrameSink(Protocol):
+    """Where frames go. ``open`` and ``send`` raise DeviceError; ``close`` never does."""
+
+    def open(self) -> None: ...
+
+    def send(self, frame: Frame, reports: tuple[HidReport, ...]) -> None: ...
+
+    def close(self) -> None: ...

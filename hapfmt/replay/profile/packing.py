@@ -14,8 +14,18 @@ from typing import NamedTuple
 from zlib import crc32
 
 from ...errors import ParameterError
-from ..frames import Frame
-from .model import Const, Counter, Crc32, HidReport, Mapped, One, Profile, ReportLayout, Samples
+from .model import (
+    Const,
+    Counter,
+    Crc32,
+    Frame,
+    HidReport,
+    Mapped,
+    One,
+    Profile,
+    ReportLayout,
+    Samples,
+)
 
 Values = tuple[float, ...]
 """What an actuator's counts stand for, from its lowest count to its highest."""
@@ -80,7 +90,7 @@ MAPS = {
     )
 }
 MOST_COUNTS = 1 << 16
-"""Of an actuator that a map takes: its table has an entry for each."""
+"""Most counts of an actuator with a map: its table has an entry for each."""
 
 
 Counts = tuple[tuple[int, ...], ...]

@@ -10,8 +10,8 @@ from fractions import Fraction
 from math import isfinite
 from typing import Annotated, Any, Literal, NoReturn
 
+import msgspec
 from msgspec import Meta, Struct
-from msgspec import field as named
 from msgspec.structs import asdict
 
 from ...descriptions import DescriptionError, Library, OneOf, above, parse_toml, read, what, within
@@ -256,7 +256,7 @@ LONGEST_REPORT = 4096
 """Bytes; a HID report may have 16 KiB in Linux, far more than any endpoint takes in a frame."""
 PLY = {"requirement": "PLY-001"}
 END = r"(?![\s\S])"
-"""Of a pattern, in Python and in JSON schemas; $ takes a newline in Python."""
+"""End of a pattern, in Python and in JSON schemas; $ matches before a newline in Python."""
 
 Name = Annotated[
     str,
@@ -266,8 +266,8 @@ Name = Annotated[
         description="a name of letters, digits, '-', '_' and '.', a letter first",
     ),
 ]
-"""Of a profile or an actuator. It begins with a letter, since a number stands for a place, and
-leaves out what separates names on a command line."""
+"""Name of a profile or an actuator. It begins with a letter, since a number is a place. It has
+no character that separates names on a command line."""
 Text = Annotated[str, Meta(max_length=4000)]
 Label = Annotated[str, Meta(max_length=255)]
 Unit = Annotated[
@@ -291,11 +291,11 @@ def tables(low: int, high: int, what: str) -> Meta:
     return Meta(min_length=low, max_length=high, description=what)
 
 
-class TableKeys(Struct, frozen=True, forbid_unknown_fields=True):
+class Table(Struct, frozen=True, forbid_unknown_fields=True):
     """A table of a profile."""
 
 
-class MatchKeys(TableKeys, frozen=True):
+class MatchKeys(Table, frozen=True):
     """What a device must be for the profile to fit."""
 
     vendor_id: Id16
@@ -305,7 +305,7 @@ class MatchKeys(TableKeys, frozen=True):
     usage: Id16 | None = None
 
 
-class TimingKeys(TableKeys, frozen=True):
+class TimingKeys(Table, frozen=True):
     """When frames are sent."""
 
     rate: Annotated[
@@ -316,7 +316,7 @@ class TimingKeys(TableKeys, frozen=True):
         Meta(description="the samples of an actuator per second", extra=PLY),
     ]
     frame_samples: Annotated[int, within(1, 4096, "samples of each actuator in a frame")] = 1
-    hold_ms: Annotated[float, above(0, 1000, "so late a frame may be")] = 20.0
+    hold_ms: Annotated[float, above(0, 1000, "how late a frame may be")] = 20.0
     ramp_ms: Annotated[float, above(0, 10_000, "how long the ramp to rest takes")] = 50.0
     neutral_count: Annotated[int, within(1, 100, "how often rest is sent at the end")] = 5
     device_timeout_ms: (
@@ -344,7 +344,7 @@ def limit(what: str) -> Meta:
     return Meta(description=what, extra=PLY)
 
 
-class ActuatorKeys(TableKeys, frozen=True):
+class ActuatorKeys(Table, frozen=True):
     """What an actuator takes."""
 
     name: Name
@@ -403,7 +403,7 @@ class FieldKeys(OneOf):
         raise NotImplementedError
 
 
-class ConstKeys(TableKeys, FieldKeys, frozen=True):
+class ConstKeys(Table, FieldKeys, frozen=True):
     """Bytes that never change."""
 
     at: Place
@@ -413,7 +413,7 @@ class ConstKeys(TableKeys, FieldKeys, frozen=True):
         return Const(self.at, bytes(self.const))
 
 
-class CounterKeys(TableKeys, FieldKeys, frozen=True):
+class CounterKeys(Table, FieldKeys, frozen=True):
     """A number that goes up with each report."""
 
     at: Place
@@ -435,7 +435,7 @@ class CounterKeys(TableKeys, FieldKeys, frozen=True):
         return Counter(self.at, integer, mask, self.shift, self.start, self.shared or "")
 
 
-class OneKeys(TableKeys, FieldKeys, frozen=True):
+class OneKeys(Table, FieldKeys, frozen=True):
     """The count of an actuator."""
 
     at: Place
@@ -446,7 +446,7 @@ class OneKeys(TableKeys, FieldKeys, frozen=True):
         return One(self.at, self.actuator, Integer(self.type))
 
 
-class SamplesKeys(TableKeys, FieldKeys, frozen=True):
+class SamplesKeys(Table, FieldKeys, frozen=True):
     """All samples of a frame, interleaved."""
 
     at: Place
@@ -457,7 +457,7 @@ class SamplesKeys(TableKeys, FieldKeys, frozen=True):
         return Samples(self.at, self.samples, Integer(self.type))
 
 
-class MappedKeys(TableKeys, FieldKeys, frozen=True):
+class MappedKeys(Table, FieldKeys, frozen=True):
     """HD rumble: the amplitudes of two bands in four bytes."""
 
     at: Place
@@ -471,15 +471,17 @@ class MappedKeys(TableKeys, FieldKeys, frozen=True):
         return Mapped(self.at, self.map, self.actuators, options)
 
 
-class CoveredKeys(TableKeys, frozen=True):
-    """Of which bytes a CRC-32 is."""
+class CoveredKeys(Table, frozen=True):
+    """The bytes that a CRC-32 covers."""
 
     seed: Byte | None = None
-    start: Annotated[int, Meta(ge=0, le=LONGEST_REPORT)] = named(name="from", default=0)
-    stop: Annotated[int, Meta(ge=1, le=LONGEST_REPORT)] | None = named(name="to", default=None)
+    start: Annotated[int, Meta(ge=0, le=LONGEST_REPORT)] = msgspec.field(name="from", default=0)
+    stop: Annotated[int, Meta(ge=1, le=LONGEST_REPORT)] | None = msgspec.field(
+        name="to", default=None
+    )
 
 
-class Crc32Keys(TableKeys, FieldKeys, frozen=True):
+class Crc32Keys(Table, FieldKeys, frozen=True):
     """CRC-32, little-endian."""
 
     at: Place
@@ -500,7 +502,7 @@ FieldKeys.kinds = {
 }
 
 
-class ReportKeys(TableKeys, frozen=True):
+class ReportKeys(Table, frozen=True):
     """The bytes of a report of a frame."""
 
     path: Path
@@ -514,7 +516,7 @@ class ReportKeys(TableKeys, frozen=True):
         return ReportLayout(self.path, self.id, self.length, fields, self.short)
 
 
-class PayloadKeys(TableKeys, frozen=True):
+class PayloadKeys(Table, frozen=True):
     """A report that never changes."""
 
     path: Path
@@ -532,7 +534,7 @@ class PayloadKeys(TableKeys, frozen=True):
         return HidReport(self.path, bytes.fromhex(self.data))
 
 
-class ProfileKeys(TableKeys, frozen=True, kw_only=True):
+class ProfileKeys(Table, frozen=True, kw_only=True):
     """What a device takes, and what it must never be given: docs/profiles.md. A profile that fits
     this schema may still break a rule that needs several values at once; hapfmt profile check knows
     all rules."""
@@ -571,7 +573,7 @@ def parse_profile(text: str, path: str | None = None) -> Profile:
 
 
 def profile_of(values: Any, text: str) -> Profile:
-    """Of what the TOML says."""
+    """The profile that the values of a TOML file describe."""
     keys = read(ProfileKeys, values)
     profile = Profile(
         name=keys.name,

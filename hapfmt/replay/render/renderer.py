@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import ParameterError
-from ...format.index import NS_LIMIT
+from ...format.extras import NS_LIMIT
 from ...format.track import Track
 from ...limits import TICK_LIMIT
 from ...numbers import exact
@@ -19,15 +19,24 @@ from ...reading.damage import LostSpan, lost_lines
 from ...reading.packets import Seconds
 from ...reading.reader import Reader
 from ...recording import Calibration
-from ..frames import FrameBlock
-from ..profile.model import Profile
+from ..profile.model import FrameBlock, Profile
 from .assign import Assignment, Route, name_of
-from .feed import Band, ChannelResampler, DeviceGrid, Kernel, Meaning, Shape, kernel, samples_in
-from .stream import PacketQueue, PacketSource
+from .feed import (
+    Band,
+    ChannelResampler,
+    DeviceGrid,
+    Kernel,
+    Meaning,
+    PacketQueue,
+    PacketSource,
+    Shape,
+    kernel,
+    samples_in,
+)
 
 BLOCK_S = Fraction(1, 20)
 BLOCK_TICKS = 1 << 18
-"""Of a channel in one block, where it is much faster than the device."""
+"""Most ticks of a channel in one block, where it is much faster than the device."""
 SHAPES: dict[Band, Shape] = {"full": "bounded", "lf": "linear", "hf": "band-limited"}
 WIDEST_SINC, WIDEST = 1 << 14, 1 << 20
 """Ticks of a channel for one sample of the device: above the first a sinc would take 2^19 ticks,
@@ -47,8 +56,8 @@ class RoutedChannel(NamedTuple):
 
 
 class Position(NamedTuple):
-    """Of a device sample: which time through it is (from 0), and seconds in the recording, None
-    between two times."""
+    """Where a device sample is in the recording: the repeat, from 0, and the seconds; None between
+    two repeats."""
 
     loop: int
     seconds: Fraction | None

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ...errors import ParameterError
 
 if TYPE_CHECKING:
-    from ..frames import FrameSink
-    from ..profile.model import Profile
+    from ..profile.model import FrameSink, Profile
 
 
 def open_sink(config: dict[str, Any], profile: Profile | None = None) -> FrameSink:

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from ...errors import DeviceError, ParameterError
-from ..frames import Frame
-from ..profile.model import HidReport
+from ..profile.model import Frame, HidReport
 
 PATH_WIDTH = len("feature")
 
@@ -44,8 +43,8 @@ def text_line(due_ns: int, report: HidReport) -> str:
 
 
 def json_line(due_ns: int, report: HidReport) -> str:
-    told = {"data": report.data.hex(), "due_ns": due_ns, "path": report.path}
-    return json.dumps(told) + "\n"
+    row = {"data": report.data.hex(), "due_ns": due_ns, "path": report.path}
+    return json.dumps(row) + "\n"
 
 
 FAULTS = frozenset({"stall", "fail", "gone", "error", "open"})

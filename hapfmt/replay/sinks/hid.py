@@ -22,8 +22,7 @@ from ...errors import DeviceError, MissingExtraError, ParameterError
 from ..profile.matching import Descriptor, SystemDevice, check_fit, choose, parse_descriptor
 
 if TYPE_CHECKING:
-    from ..frames import Frame
-    from ..profile.model import HidReport, Profile
+    from ..profile.model import Frame, HidReport, Profile
 
 BUSES = {1: "usb", 2: "bluetooth", 3: "i2c", 4: "spi"}
 CLOSE_WAIT_S = 6.0
@@ -65,7 +64,7 @@ def unusable(name: str, why: str) -> ParameterError:
     )
 
 
-def told_by(handle: Any) -> str:
+def last_error(handle: Any) -> str:
     """Why the last call failed; empty where hidapi does not say."""
     try:
         text = str(handle.error() or "")
@@ -104,7 +103,7 @@ def find(profile: Profile, path: str | bytes | None = None) -> SystemDevice:
 
 
 def read_descriptor(path: bytes) -> Descriptor:
-    """Of the device there, which is opened for it and closed again."""
+    """Opens the device at this path, reads its report descriptor and closes it."""
     sink = HidSink(path)
     sink.open()
     try:
@@ -155,10 +154,10 @@ class HidSink:
                     f"{self.place}: this user may not open it; hapfmt devices says how a udev "
                     "rule gives the permission"
                 )
-        return f"{self.place}: the device cannot be opened: {told_by(handle) or error}"
+        return f"{self.place}: the device cannot be opened: {last_error(handle) or error}"
 
     def descriptor(self) -> Descriptor:
-        """Of the open device."""
+        """The report descriptor of the open device."""
         with self.lock:
             handle = self.opened()
             if not hasattr(handle, "get_report_descriptor"):
@@ -206,7 +205,7 @@ class HidSink:
             count = call(data)
         except (OSError, ValueError) as error:
             return -1, str(error)
-        return count, told_by(handle) if count < 0 else ""
+        return count, last_error(handle) if count < 0 else ""
 
     def failed(self, path: str, data: bytes, why: str) -> str:
         return f"{self.place}: {path} report 0x{data[0]:02x} was not taken: {why}"

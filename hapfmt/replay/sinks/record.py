@@ -18,8 +18,7 @@ from ...convert.csv import column_name, tick_times
 from ...errors import ParameterError
 from ...files import atomic_write, refuse
 from ...recording import Calibration
-from ..frames import Frame
-from ..profile.model import Actuator, HidReport, Profile
+from ..profile.model import Actuator, Frame, HidReport, Profile
 
 ROWS_AT_ONCE = 1 << 12
 DENOMINATORS = (10**3, 10**6, 10**9, 10**12, 10**15)
@@ -50,11 +49,15 @@ class RecordSink:
         refuse(path, force)
         self.path, self.force = path, force
         self.size = profile.timing.frame_samples
-        told = {"profile": profile.name, **(metadata or {})}
+        header = {"profile": profile.name, **(metadata or {})}
         calibrations = [calibration_of(actuator, profile) for actuator in profile.actuators]
         kind = kinds[Path(path).suffix.lower()]
         self.make = partial(
-            kind, profile=profile, calibrations=calibrations, told=told, canonical=canonical
+            kind,
+            profile=profile,
+            calibrations=calibrations,
+            header=header,
+            canonical=canonical,
         )
         self.waiting: list[tuple[int, ...]] = []
         self.first = 0
@@ -125,7 +128,7 @@ class HapfRows:
         stream: BinaryIO,
         profile: Profile,
         calibrations: list[Calibration],
-        told: dict[str, Any],
+        header: dict[str, Any],
         canonical: int | None,
     ) -> None:
         from ...writing.recorder import Input, Recorder
@@ -143,7 +146,7 @@ class HapfRows:
             )
             for actuator, calibration in zip(profile.actuators, calibrations, strict=True)
         ]
-        self.recorder = Recorder(stream, inputs, metadata={"replay": told}, canonical=canonical)
+        self.recorder = Recorder(stream, inputs, metadata={"replay": header}, canonical=canonical)
 
     def write(self, first: int, counts: NDArray[np.int64]) -> None:
         self.recorder.write_rows(counts, first)
@@ -160,13 +163,13 @@ class CsvRows:
         stream: BinaryIO,
         profile: Profile,
         calibrations: list[Calibration],
-        told: dict[str, Any],
+        header: dict[str, Any],
         canonical: int | None,  # noqa: ARG002
     ) -> None:
         self.stream, self.calibrations = stream, calibrations
         self.rate = profile.timing.rate
         names = [column_name(actuator.name, actuator.unit) for actuator in profile.actuators]
-        self.put(f"# replay: {json.dumps(told, sort_keys=True)}\n{','.join(['t [s]', *names])}\n")
+        self.put(f"# replay: {json.dumps(header, sort_keys=True)}\n{','.join(['t [s]', *names])}\n")
 
     def put(self, text: str) -> None:
         self.stream.write(text.encode("utf-8"))

@@ -9,14 +9,13 @@ from typing import Any
 
 from hapfmt.codecs.events import CodedEvent
 from hapfmt.errors import FormatError, verdict_of
-from hapfmt.format.description import split
 from hapfmt.format.extras import parse_clock, parse_map
 from hapfmt.format.layout import TRACK
-from hapfmt.format.track import Track
+from hapfmt.format.track import Track, split
 from hapfmt.format.walk import read_chunk
 from hapfmt.format.wire import HEADER_SIZE, id_text
 from hapfmt.reading.catalogue import Catalogue, ChannelRef, ChunkRef
-from hapfmt.reading.channels import Assembly, Band, Decoded
+from hapfmt.reading.decoder import Assembly, Band, Decoded
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Channel, Span
 
@@ -107,7 +106,7 @@ def head_json(catalogue: Catalogue) -> dict[str, Any] | None:
 
 
 def stored_rate(catalogue: Catalogue, track: Track) -> list[int]:
-    """As it stands in the file, not reduced."""
+    """The rate in the file, not reduced."""
     chunk = read_chunk(catalogue.source, track.offset - HEADER_SIZE)
     assert chunk is not None
     records = split(chunk.payload, catalogue.level, track.offset)
@@ -187,7 +186,7 @@ def band_json(
 
 
 def layer_json(catalogue: Catalogue, layer: Track, events: list[CodedEvent]) -> dict[str, Any]:
-    """EVT-004: in order of ticks, those of one tick as they stand in the file."""
+    """EVT-004: in order of ticks, those of one tick in the order of the file."""
     return {
         "track": layer.id,
         "label": layer.components[0].label,
@@ -247,7 +246,7 @@ def attachments_json(catalogue: Catalogue) -> Iterator[dict[str, Any]]:
 
 
 def unknown_of(catalogue: Catalogue) -> list[list[Any]]:
-    """CHK-010; those that are damaged are told as damage."""
+    """CHK-010; damaged ones are reported as damage."""
     return [
         [ref.type, ref.offset]
         for ref in catalogue.chunks

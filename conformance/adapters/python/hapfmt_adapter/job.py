@@ -1,4 +1,4 @@
-"""The verb encode: a job, a JSON description with raw files beside it -> a file."""
+"""The verb encode: a job, a JSON description with raw files next to it -> a file."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from hapfmt.events import Event
 from hapfmt.limits import Limits
-from hapfmt.recording import Calibration, Channel, Recording, Span, append_span
+from hapfmt.recording import Calibration, Channel, Event, Recording, Span, append_span
 
 from .decode import TEXTS
 from .raw import read_numbers

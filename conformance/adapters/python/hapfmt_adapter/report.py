@@ -64,7 +64,7 @@ def write_report(
 
 
 def finding_of(error: HapfmtError) -> dict[str, Any]:
-    """Of what is not understood, the message names the rule."""
+    """The finding of an error; the message about an unsupported part names the rule."""
     named = NAMED.search(error.message)
     return {
         "requirement": error.requirement or (named[1] if named else None),

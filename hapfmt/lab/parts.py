@@ -10,17 +10,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...codecs.grids import UNIFORM, LpcParameters
-from ...codecs.quantised import QuanParameters
-from ...errors import HapfmtError
-from ...events import Event
-from ...format.track import Contract, Track
-from ...reading.catalogue import ChannelRef, TrackPair
-from ...reading.channels import Assembly, build_channel, join
-from ...reading.damage import LostSpan
-from ...reading.packets import tick_range
-from ...reading.reader import Reader
-from ...recording import Channel, Recording
+from ..codecs.grids import UNIFORM, LpcParameters
+from ..codecs.quantised import QuanParameters
+from ..errors import HapfmtError
+from ..format.track import Contract, Track
+from ..reading.catalogue import ChannelRef, TrackPair
+from ..reading.damage import LostSpan
+from ..reading.decoder import Assembly, build_channel, join
+from ..reading.packets import tick_range
+from ..reading.reader import Reader
+from ..recording import Channel, Event, Recording
 
 PART = 1 << 20
 """Approximate number of samples, of all channels, decoded at a time; they take 20 MB."""
@@ -131,7 +130,7 @@ def in_parts(
 
 
 class RecordingParts:
-    """Of a recording in memory; ``places``: the channels, None: all."""
+    """Parts of a recording in memory; ``places``: the channels, None: all."""
 
     def __init__(self, recording: Recording, places: Sequence[int] | None = None) -> None:
         chosen = range(len(recording)) if places is None else places
@@ -170,8 +169,10 @@ class RecordingParts:
 
 
 class FileParts:
-    """Of a hapf file; ``names``: labels or numbers of the channels, None: all. A file that is
-    looked at as a whole is walked through first, so that no damage goes by unseen."""
+    """Parts of a hapf file; ``names``: labels or numbers of the channels, None: all.
+
+    A file that is read as a whole is checked for damage first.
+    """
 
     def __init__(
         self, reader: Reader, names: Sequence[str | int] | None = None, *, whole: bool = True
@@ -195,7 +196,7 @@ class FileParts:
         return min(min(firsts, default=Fraction(0)), stop), stop
 
     def edges(self, start: Fraction, stop: Fraction) -> list[Fraction]:
-        """Where clusters begin, so that hardly a packet is decoded twice."""
+        """Where clusters begin, so that few packets are decoded twice."""
         rate = sum((ref.track.rate for ref in self.refs), Fraction(0))
         starts = sorted({ref.start_ns or 0 for ref in self.reader.catalogue.data})
         found = [start]
@@ -213,8 +214,8 @@ class FileParts:
             self.refs = self.reader.select([ref.number for ref in self.refs])
             assembly = self.reader.assembly(self.refs, start, stop)
         # If a pass has found the missing spans, parts add only packets that fail to decode.
-        told = [s for s in self.reader.lost if not self.passed or s.offset is None]
-        self.lost += [span for span in told if span not in self.lost]
+        new = [s for s in self.reader.lost if not self.passed or s.offset is None]
+        self.lost += [span for span in new if span not in self.lost]
         return [block_of(assembly, ref) for ref in self.refs]
 
     def find_lost(self) -> None:
@@ -236,7 +237,7 @@ class FileParts:
         ]
 
     def lost_within(self, start: Fraction | None, stop: Fraction | None) -> list[LostSpan]:
-        """Of ``lost``, what touches the seconds [start, stop)."""
+        """The spans of ``lost`` that touch the seconds [start, stop)."""
         tracks = self.reader.catalogue.tracks
         found = []
         for span in self.lost:
@@ -308,7 +309,7 @@ def half_width(
     assembly: Assembly, ref: ChannelRef, part: TrackPair, full: Channel
 ) -> NDArray[np.float64]:
     """[samples of full], in the channel's unit: what the contract allows around the decoded values;
-    NaN where there is none. Of a vector the norm counts."""
+    NaN where there is none. For a vector, this is about the norm."""
     contract = part.contract
     if contract is None or full.calibration is None:
         return np.full(full.stored.size, np.nan)

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import ParameterError
-from ...reading.channels import intersect
-from ...recording import Calibration, Channel
-from ..metrics import rmse, snr_hf_db
+from ..errors import ParameterError
+from ..reading.decoder import intersect
+from ..recording import Calibration, Channel
+from .metrics import rmse, snr_hf_db
 from .parts import Described, FileParts, Parts
 from .views import Builder, ChannelView, empty_view
 
 if TYPE_CHECKING:
-    from ...encoder.settings import Tolerance
+    from ..encoder.settings import Tolerance
 
 SNR_SAMPLES = 1 << 22
 """The SNR of the texture uses the longest common runs, up to this number of samples of all channels
@@ -306,10 +306,10 @@ def pair_up(a: Parts, b: Parts) -> list[tuple[int | None, int | None]]:
     """Channels of one label belong together, where labels tell them apart. Where no label matches,
     those of one place and one unit do."""
     mine, others = [c.label for c in a.channels], [c.label for c in b.channels]
-    told = all(
+    distinct = all(
         labels and all(labels) and len(set(labels)) == len(labels) for labels in (mine, others)
     )
-    if told and set(mine) & set(others):
+    if distinct and set(mine) & set(others):
         pairs = [(i, others.index(label)) for i, label in enumerate(mine) if label in others]
     else:
         units = zip(a.channels, b.channels, strict=False)

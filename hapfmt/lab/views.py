@@ -18,17 +18,17 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from ...codecs.knots import KnotParameters, decode_indices, parse_knots, parse_start
-from ...encoder.settings import preset_of
-from ...errors import FormatError, ParameterError
-from ...format.cluster import Packet
-from ...format.track import Track
-from ...reading.catalogue import ChannelRef
-from ...reading.channels import intersect
-from ...reading.damage import LostSpan
-from ...reading.packets import tick_range
-from ...reading.reader import Reader
-from ...recording import Channel
+from ..codecs.knots import KnotParameters, decode_indices, parse_knots, parse_start
+from ..encoder.settings import preset_of
+from ..errors import FormatError, ParameterError
+from ..format.cluster import Packet
+from ..format.track import Track
+from ..reading.catalogue import ChannelRef
+from ..reading.damage import LostSpan
+from ..reading.decoder import intersect
+from ..reading.packets import tick_range
+from ..reading.reader import Reader
+from ..recording import Channel
 from .parts import ChannelPart, Described, FileParts, Parts
 
 SHOWN = 600
@@ -190,7 +190,7 @@ SAMPLES = 1 << 20
 
 
 class Spectrum:
-    """Of runs of [samples] values, Hann window, half overlapping segments without their means."""
+    """Spectrum of runs of [samples]: Hann window, half-overlapping segments without their means."""
 
     def __init__(self, rate_hz: float, sample_count: int) -> None:
         """sample_count: how many will come, about."""
