@@ -35,7 +35,7 @@ WORDS = {"": "help", **{word: word for word in KEYS.values()}, "play": "this", "
 LONGEST = 40
 """Characters of a line."""
 BAR = 60
-END, BREAK, ERASE = "\x04", "\x03", "\x7f\b"
+END, ERASE = "\x04", "\x7f\b"
 
 
 def conduct(rating: Rating, subject: str) -> bool:

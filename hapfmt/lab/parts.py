@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple, Protocol
@@ -119,14 +119,6 @@ class Parts(Protocol):
     def events(self, start: Fraction, stop: Fraction) -> list[Event]: ...
 
     def close(self) -> None: ...
-
-
-def in_parts(
-    parts: Parts, start: Fraction, stop: Fraction
-) -> Iterator[tuple[Fraction, Fraction, list[ChannelPart]]]:
-    edges = parts.edges(start, stop)
-    for a, b in zip(edges, edges[1:], strict=False):
-        yield a, b, parts.part(a, b)
 
 
 class RecordingParts:
