@@ -69,7 +69,7 @@ def usable(catalogue: Catalogue) -> dict[int, Track]:
     """HF tracks only with their base."""
     found: dict[int, Track] = {}
     for track in sorted(catalogue.tracks.values(), key=lambda t: (t.kind == "hf", t.id)):
-        if track.kind == "hf" and track.base not in found:
+        if track.is_orphan(found):
             message = f"HF track {track.id} has lost its base track {track.base}"
             catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-003")
             continue
@@ -83,7 +83,8 @@ def rejoined(kept: dict[int, Track]) -> dict[int, Track]:
     table.tracks = kept
     out = dict(kept)
     for chain in table.chains():
-        for before, track in zip([None, *chain], chain, strict=False):
+        known = [track for track in chain if track.unsupported is None]
+        for before, track in zip([None, *known], known, strict=False):
             if track.continues is not None and track.continues not in kept:
                 out[track.id] = replace(track, continues=before.id if before else None)
     return out
@@ -492,6 +493,8 @@ class Copy:
             self.writer.level.check("payload_size", alone_size(packet), "LIM-001", packet.offset)
             if decoder is not None:
                 piece = self.pieces.decode(packet)
+                if piece.fault is not None:
+                    raise piece.fault
                 if packet.offset < self.stored.get(packet.track, (0, b""))[0]:
                     self.digests[packet.track].update(packet.start, piece.digested)
                 else:
@@ -533,7 +536,7 @@ class Copy:
             return False
         if finding.code in ("missing-chunk", "missing-head"):
             return True
-        if finding.code == "bad-payload" and finding.offset in self.unharmed:
+        if finding.code in ("bad-payload", "bad-chunk") and finding.offset in self.unharmed:
             return False
         if finding.offset + finding.size <= len(SIGNATURE):
             # The rest of the signature, which the writer writes again.
