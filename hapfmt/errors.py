@@ -104,12 +104,6 @@ class DataWarning(UserWarning):
     """hapfmt kept the data, but they may not be as the caller meant: an unknown unit, say."""
 
 
-class LateError(HapfmtError):
-    """A replay stopped itself, since it or the device could not keep up."""
-
-    exit_code = 5
-
-
 class DeviceError(HapfmtError):
     """A device did not take what it was sent, or has gone."""
 

@@ -145,7 +145,7 @@ def refuse(name: str, force: bool) -> None:
         mode = path.stat().st_mode
     except FileNotFoundError:
         if path.is_symlink() and not force:
-            # Somebody else chose the place that it leads to.
+            # Another user may have chosen its target.
             raise refusal(
                 f"{name} is a symbolic link to a file that does not exist; "
                 "use --force (force=True) to write it"

@@ -20,7 +20,7 @@ from terminal import called
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Span
-from hapfmt.errors import DeviceError, FormatError, LateError, MissingExtraError
+from hapfmt.errors import DeviceError, FormatError, MissingExtraError
 from hapfmt.replay.process.loop import ReplayReport
 from hapfmt.replay.profile.matching import SystemDevice
 from hapfmt.replay.render import Renderer
@@ -458,7 +458,6 @@ class TestEnds:
             (ReplayReport("interrupted", signal=2), 130),
             (ReplayReport("interrupted", signal=15), 143),
             (ReplayReport("failed", reason="bad packet", error_code=2), 2),
-            (LateError("could not keep up"), 5),
             (DeviceError("has gone"), 6),
         ],
     )

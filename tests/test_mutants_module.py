@@ -74,7 +74,7 @@ def test_every_change(mutants):
 
 
 def test_every_mutant_is_another_program(mutants):
-    path = ROOT / "hapfmt" / "replay" / "process" / "report.py"
+    path = ROOT / "hapfmt" / "replay" / "schedule.py"
     source = path.read_text("utf-8")
     codes = [one.code for one in mutants.mutants_of(source, str(path))]
     assert len(codes) > 100
@@ -89,10 +89,10 @@ def run(*words: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.deep
 class TestARun:
-    MODULE = "hapfmt/replay/process/report.py"
+    MODULE = "hapfmt/replay/schedule.py"
 
     def test_a_sample(self):
-        words = (self.MODULE, "--tests", "tests/test_replay_lateness.py", "--sample", "6")
+        words = (self.MODULE, "--tests", "tests/test_replay_schedule.py", "--sample", "6")
         done = run(*words, "--seed", "3")
         assert done.returncode == 0, done.stderr
         (row,) = re.findall(r"all \| +(\d+) \| +(\d+) \| +(\d+) \|", done.stdout)

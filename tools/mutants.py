@@ -64,7 +64,7 @@ class Mutant(NamedTuple):
 
 
 def expressions(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
-    """What may stand in the place of an expression."""
+    """What may replace an expression."""
     match node:
         case ast.Compare(left, ops, others):
             for place, op in enumerate(ops):
@@ -90,7 +90,7 @@ def expressions(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
 
 
 def statements(node: ast.AST, inside: bool) -> Iterator[tuple[str, ast.stmt]]:
-    """What may stand in the place of a statement; ``inside`` a function."""
+    """What may replace a statement; ``inside`` a function."""
     match node:
         case ast.Return(ast.expr() as value):
             if not (isinstance(value, ast.Constant) and value.value is None):

@@ -292,7 +292,7 @@ stop_option = click.option(
 
 
 def refuse_span(start: Fraction | None, stop: Fraction | None) -> None:
-    """An empty time range is a mistake of whoever typed it."""
+    """Refuses an empty time range, which is a mistake on the command line."""
     if stop is not None and (start or 0) >= stop:
         began = 0 if start is None else float(start)
         raise click.BadParameter(
@@ -355,7 +355,7 @@ def suffix_of(name: str, format_: str | None, default: str | None = None) -> str
 def refuse_transpose(
     transpose: bool | None, inputs: Sequence[str | None], format_: str | None
 ) -> None:
-    """Without an array among the inputs, --transpose is a mistake of whoever typed it."""
+    """Refuses --transpose without an array among the inputs."""
     if transpose is None or any(name and suffix_of(name, format_) in ARRAYS for name in inputs):
         return
     raise ParameterError("--transpose requires .npy or .npz input")

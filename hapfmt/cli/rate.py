@@ -35,7 +35,7 @@ WORDS = {"": "help", **{word: word for word in KEYS.values()}, "play": "this", "
 LONGEST = 40
 """Characters of a line."""
 BAR = 60
-END, BREAK, ERASE = "\x04", "\x03", "\x7f\b"
+END, ERASE = "\x04", "\x7f\b"
 
 
 def conduct(rating: Rating, subject: str) -> bool:
@@ -116,7 +116,7 @@ def tell_place(rating: Rating) -> None:
 
 
 def tell_keys() -> None:
-    tell("r plays the reference, p this one, a the last once more")
+    tell("r plays the reference, p this one, a the last again")
     tell(f"a number from 0 to {HIGHEST} and Enter rates this one; b goes back by one, q stops")
 
 

@@ -326,7 +326,7 @@ class Meter:
             self.advance(min(frame.number, self.total), self.total)
 
     def close(self) -> None:
-        """Whoever shows it ends it."""
+        """The caller that opened the meter closes it."""
 
 
 def performed(

@@ -123,7 +123,7 @@ def reason(error: OSError) -> str:
 
 def hold_streams() -> None:
     """Give closed standard streams their descriptors back, so that no file that is opened later
-    gets one of them. Whoever reads the input or writes the output then meets an error; messages
+    gets one of them. Reading the input or writing the output then fails; messages
     to a closed standard error are lost."""
     ways = (("stdin", os.O_WRONLY, "r"), ("stdout", os.O_RDONLY, "w"), ("stderr", os.O_WRONLY, "w"))
     for descriptor, (name, flags, mode) in enumerate(ways):

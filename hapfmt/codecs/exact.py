@@ -615,7 +615,7 @@ def work_of(ids: NDArray[np.int32] | None) -> Counts:
 
 
 def encode_compiled(corrections: Counts, ids: NDArray[np.int32] | None, shift: int) -> bytes:
-    """``encode_loop``, in C; what does not fit its buffer is written once more."""
+    """``encode_loop``, in C; what does not fit its buffer is written again."""
     assert compiled is not None
     plain = np.ascontiguousarray(corrections)
     names = np.zeros(0, np.int32) if ids is None else ids

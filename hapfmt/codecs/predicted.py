@@ -215,7 +215,7 @@ def encode_compiled(
     c: list[int],
     cross: NDArray[np.int64] | None,
 ) -> bytes:
-    """``encode_coded``, in C; a packet that does not fit its buffer is written once more."""
+    """``encode_coded``, in C; a packet that does not fit its buffer is written again."""
     assert compiled is not None
     size, status = 2 * indices.size + 64, NO_ROOM
     plain = np.ascontiguousarray(indices, np.int64)

@@ -437,7 +437,7 @@ class Making:
         self.seen: dict[bytes, Original] = {}
         """Which file had a chunk first, by its digest."""
         self.maps_to_drop: Container[bytes] = ()
-        """Payloads of clock maps that hold for a part of what they would speak of only."""
+        """Payloads of clock maps that hold only for some of their tracks."""
         self.lost_events = 0
 
     def note(self, text: str) -> None:
@@ -470,7 +470,7 @@ class Making:
             if track != NO_TRACK:
                 place = plan.places.get(track)
                 if place is None and header.type != "aTTc":
-                    self.note(f"{header.type} chunk left out: it speaks of track {track}")
+                    self.note(f"{header.type} chunk left out: it refers to track {track}")
                     continue
                 track = place.track.id if place else NO_TRACK
             if header.known and header.type in TYPES:
