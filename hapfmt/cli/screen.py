@@ -55,12 +55,12 @@ def say(text: str = "", *, err: bool = False, whole: bool = False) -> None:
 
 
 def note(text: str) -> None:
-    """Something that a person should know, on standard error."""
+    """Prints a note on standard error."""
     say(f"note: {text}", err=True)
 
 
 def complain(text: str, more: Sequence[str] = ()) -> None:
-    """Something that is wrong, on standard error; ``more``: the further lines of an error."""
+    """Prints an error on standard error; ``more``: its further lines."""
     say(f"hapfmt: {text}", err=True)
     for line in more:
         say(line, err=True, whole=line.startswith("  hapfmt "))
@@ -115,7 +115,7 @@ def put(text: str, *, err: bool = False) -> None:
 
 
 def reason(error: OSError) -> str:
-    """In words; a stream that was closed from the start is not a bad descriptor."""
+    """The text of an OSError; a stream closed from the start gets a text of its own."""
     if closed and error.errno == errno.EBADF:
         return "a standard stream is closed"
     return error.strerror or str(error)
@@ -318,7 +318,7 @@ def needed(shown: Sequence[int], widths: Sequence[int]) -> int:
 def shares(
     shown: Sequence[int], natural: Sequence[int], least: Sequence[int], width: int
 ) -> list[int]:
-    """Widths of the columns: what is left goes to those that miss least."""
+    """Widths of the columns: spare width goes to the columns that lack least."""
     widths = list(least)
     spare = width - needed(shown, widths)
     for c in sorted(shown, key=lambda c: natural[c] - least[c]):

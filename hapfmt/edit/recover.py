@@ -66,7 +66,7 @@ def describe(catalogue: Catalogue) -> tuple[list[Record], list[Track]]:
 
 
 def usable(catalogue: Catalogue) -> dict[int, Track]:
-    """HF tracks only with their base."""
+    """Tracks that can be kept: HF tracks only with their base."""
     found: dict[int, Track] = {}
     for track in sorted(catalogue.tracks.values(), key=lambda t: (t.kind == "hf", t.id)):
         if track.is_orphan(found):
