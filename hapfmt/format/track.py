@@ -663,7 +663,7 @@ def parse_track(raw: Any, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
     linked = None if raw.linked == NO_TRACK else raw.linked
     continues = kind in ("full", "lf")
     unsupported = find_unsupported(raw, tlvs)
-    described = Described((Component(),) * size)
+    described = TrackTlvs((Component(),) * size)
     try:
         described = parse_described(tlvs, size)
     except FormatError:
@@ -770,7 +770,7 @@ def check_exact(track: Track, offset: int) -> None:
             )
 
 
-class Described(NamedTuple):
+class TrackTlvs(NamedTuple):
     """What the TLVs say of a track."""
 
     components: tuple[Component, ...]
@@ -778,12 +778,12 @@ class Described(NamedTuple):
     provenance: str = ""
 
 
-def parse_described(tlvs: Tlvs, size: int) -> Described:
+def parse_described(tlvs: Tlvs, size: int) -> TrackTlvs:
     components = tuple(parse_components(tlvs, size))
     contract_at, contract = tlvs.get(CONTRACT, (0, None))
     text_at, text = tlvs.get(PROVENANCE, (0, b""))
     parsed = None if contract is None else parse_contract(contract, contract_at, size)
-    return Described(components, parsed, parse_text(text, text_at))
+    return TrackTlvs(components, parsed, parse_text(text, text_at))
 
 
 def parse_components(tlvs: Tlvs, count: int) -> Iterator[Component]:
