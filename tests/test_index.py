@@ -234,7 +234,7 @@ class TestAHint:
 
 class TestFooter:
     """
-    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
+    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In a `fOOT` that closes the file, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """
 
     def test_true(self):

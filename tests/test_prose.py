@@ -45,6 +45,12 @@ IN_CODE = [
     r"in vain",
     r"now and then",
     r"whatever happens",
+    r"whoever",
+    r"somebody|anybody",
+    r"sp(eaks?|oke) of",
+    r"for ever",
+    r"so long at most",
+    r"once more",
     r"makes? of (it|them)",
     r"(?-i:Of)(?! course)",
 ]

@@ -49,6 +49,26 @@ MUTANTS = (
         ),
     ),
     mutant(
+        "exact-values-broken-cost-counts",
+        "A packet whose exact values break a rule is not delivered.",
+        "EXA-006",
+        Edit(
+            "reading.reader:Reader.pieces",
+            "if isinstance(piece, DecodedPiece):",
+            "if isinstance(piece, DecodedPiece) and fault is None:",
+        ),
+    ),
+    mutant(
+        "taken-channel-kept",
+        "In a damaged file two tracks may have the same channel number.",
+        "TRK-010",
+        Edit(
+            "format.track:TrackTable.stranger",
+            "return None if numbers.isdisjoint(track.channels) else taken(track)",
+            "return None",
+        ),
+    ),
+    mutant(
         "file-id-ignored",
         "Headers with the file id of another file are taken for chunks of this one.",
         "CHK-004 REC-002",

@@ -244,15 +244,15 @@ MUTANTS = (
         "VER-001",
         Edit(
             HEAD,
-            "if raw.incompat & ~KNOWN_INCOMPAT:",
-            "if (raw.incompat | raw.compat) & ~KNOWN_INCOMPAT:",
+            "raw.incompat & ~KNOWN_INCOMPAT:",
+            "(raw.incompat | raw.compat) & ~KNOWN_INCOMPAT:",
         ),
     ),
     mutant(
         "incompat-ignored",
         "Unknown bits in incompat are ignored.",
         "VER-001",
-        Edit(HEAD, "if raw.incompat & ~KNOWN_INCOMPAT:", "if False:"),
+        Edit(HEAD, "raw.incompat & ~KNOWN_INCOMPAT:", "False:"),
     ),
     mutant(
         "metadata-first-wins",
@@ -270,8 +270,8 @@ MUTANTS = (
         "CLK-006",
         Edit(
             "hapfmt_adapter.decode:decoded",
-            "tracks, layers = decode_tracks(reader)",
-            "tracks, layers = decode_tracks(reader)\n"
+            "tracks, layers, broken = decode_tracks(reader)",
+            "tracks, layers, broken = decode_tracks(reader)\n"
             "    for found in catalogue.clock_maps:\n"
             "        spans = tracks[found.track].spans if found.track in tracks else []\n"
             "        spans[:] = [Span(*map(found.time_ns, (s.start, s.stop))) for s in spans]",

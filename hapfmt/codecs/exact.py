@@ -609,7 +609,7 @@ def decode_ranks(coder: Decoder, heading: Heading, ids: NDArray[np.int32]) -> ar
 
 
 def encode_compiled(corrections: Counts, ids: NDArray[np.int32] | None, shift: int) -> bytes:
-    """``encode_loop``, in C; what does not fit its buffer is written once more."""
+    """``encode_loop``, in C; what does not fit its buffer is written again."""
     assert compiled is not None
     plain = np.ascontiguousarray(corrections)
     names = np.zeros(0, np.int32) if ids is None else ids

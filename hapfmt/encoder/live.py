@@ -530,7 +530,7 @@ def encoder_after(plan: Plan, number: int, before: Track) -> ExactEncoder | Word
 
 
 FIRST, LAST = 2, 16
-"""After 2 blocks all forms are tried once more; then after twice as many each time, up to 16."""
+"""After 2 blocks all forms are tried again; then after twice as many each time, up to 16."""
 
 DESCRIPTION = 150.0
 """About the bytes of the description of a track."""

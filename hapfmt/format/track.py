@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NamedTuple, TypeVar
@@ -123,6 +123,10 @@ class Track:
         bound = 1 << ((level.residual_bits if self.kind == "hf" else level.count_bits) - 1)
         return -bound <= self.count_min <= self.count_max < bound
 
+    def is_orphan(self, tracks: Container[int]) -> bool:
+        """Whether this is an HF track whose base is not among the tracks."""
+        return self.kind == "hf" and self.unsupported is None and self.base not in tracks
+
     def fits(self, before: Track) -> bool:
         """Whether this track can continue another one (TRK-016)."""
         return (
@@ -179,6 +183,12 @@ def unsupported_track(track: Track, path: str | None = None) -> UnsupportedError
     )
 
 
+def taken(track: Track) -> FormatError:
+    return FormatError(
+        f"channel number of track {track.id} is taken", requirement="TRK-010", offset=track.offset
+    )
+
+
 def unlike(track: Track) -> FormatError:
     return FormatError(
         f"track {track.id} cannot continue track {track.continues}",
@@ -211,40 +221,52 @@ class TrackTable:
         )
 
     def add(self, tracks: Sequence[Track], *, damaged: bool = False) -> None:
-        """``damaged``: an HF track may have lost its base, a track the one it continues; both are
-        kept."""
+        """``damaged``: tracks may be lost, so what must hold between them is checked at the end, by
+        ``drop_strangers``."""
         for track in tracks:
             if track.id in self.tracks:
                 raise self.twice(track.id, track.offset)
-            if track.kind == "hf":
-                if track.unsupported is None and (track.base in self.tracks or not damaged):
-                    self.check_base(track)
-            elif track.continues is not None:
-                if track.unsupported is None and not damaged:
-                    self.check_continued(track)
-                self.continued.add(track.continues)
-            elif not self.channels.isdisjoint(track.channels):
-                raise FormatError(
-                    f"channel number of track {track.id} is taken",
-                    requirement="TRK-010",
-                    offset=track.offset,
-                )
+        for track in tracks:
+            if not damaged:
+                self.check(track)
+            if track.continues is not None:
+                if track.unsupported is None:
+                    self.continued.add(track.continues)
             else:
                 self.channels.update(track.channels)
             if track.kind == "hf" and track.base is not None:
                 self.bases.add(track.base)
             self.tracks[track.id] = track
 
+    def check(self, track: Track) -> None:
+        """TRK-007, 010 and 016: what must hold between a new track and those before it."""
+        id_ = track.base if track.continues is None else track.continues
+        linked = None if id_ is None else self.tracks.get(id_)
+        if track.unsupported is not None:
+            # An unknown part comes before a broken rule (clause 13).
+            return
+        alone = linked is not None and linked.unsupported is not None
+        if track.kind == "hf":
+            if not alone:
+                self.check_base(track)
+        elif track.continues is not None:
+            if not alone:
+                self.check_continued(track)
+        elif not self.channels.isdisjoint(track.channels):
+            raise taken(track)
+
     def chains(self) -> list[list[Track]]:
-        """Tracks of channels but for HF, those that continue one another together, by their ids.
+        """Tracks of channels but for HF, those that continue one another together, by their ids;
+        unsupported ones come last.
 
         They share their channel numbers, and nothing else does: so a lost one breaks no chain. One
         that does not fit can only be an unsupported one, of which nothing was checked.
         """
         chains = []
-        for first, *others in self.of_one_channel():
+        for alike in self.of_one_channel():
+            first, *others = sorted(alike, key=lambda track: track.unsupported is not None)
             chain = [first]
-            chain += [track for track in others if track.fits(first)]
+            chain += [track for track in others if track.fits(first) or first.fits(track)]
             chains.append(chain)
         return chains
 
@@ -257,33 +279,56 @@ class TrackTable:
         return list(found.values())
 
     def drop_strangers(self) -> list[FormatError]:
-        """In a damaged file: drops tracks that do not match their base or the track that they
-        continue, where these came later, or never."""
-        dropped = []
-        for alike in self.of_one_channel():
-            before: Track | None = None
-            for track in alike:
-                strange = track.continues in self.tracks
-                if before is not None:
-                    strange = strange and track.continues != before.id
-                    strange = strange or track.continues is None or not track.fits(before)
-                if strange:
-                    del self.tracks[track.id]
-                    dropped.append(unlike(track))
-                else:
-                    before = track
+        """In a damaged file: drops tracks that do not fit those that are left with smaller ids
+        (SPEC 14.1)."""
+        dropped: list[FormatError] = []
+        last: dict[int, Track] = {}
+        owned: set[int] = set()
+        supported: set[int] = set()
         self.bases.clear()
-        for track in [track for track in self.tracks.values() if track.kind == "hf"]:
+        tracks = [self.tracks[id_] for id_ in sorted(self.tracks)]
+        for track in [track for track in tracks if track.kind not in ("hf", "events")]:
+            error = self.stranger(track, last.get(track.first_channel), owned, supported)
+            if error is not None:
+                del self.tracks[track.id]
+                dropped.append(error)
+                continue
+            owned.update(track.channels)
+            if track.unsupported is None:
+                supported.update(track.channels)
+                last[track.first_channel] = track
+        for track in [track for track in tracks if track.kind == "hf"]:
             try:
-                if track.unsupported is None and track.base in self.tracks:
+                if track.unsupported is None and self.knows(track.base):
                     self.check_base(track)
             except FormatError as error:
                 del self.tracks[track.id]
                 dropped.append(error)
                 continue
-            if track.base is not None:
+            if track.unsupported is None and track.base is not None:
                 self.bases.add(track.base)
         return dropped
+
+    def knows(self, id_: int | None) -> bool:
+        """Whether the track is there and supported: to others, one that is not is like a lost
+        one."""
+        track = self.tracks.get(-1 if id_ is None else id_)
+        return track is not None and track.unsupported is None
+
+    def stranger(
+        self, track: Track, before: Track | None, owned: set[int], supported: set[int]
+    ) -> FormatError | None:
+        """Why a track does not fit ``before``, the last supported one with its first channel."""
+        if track.unsupported is not None:
+            free = track.continues is not None or owned.isdisjoint(track.channels)
+            return None if free else taken(track)
+        if before is not None and track.continues is not None:
+            other = self.knows(track.continues) and track.continues != before.id
+            return unlike(track) if other or not track.fits(before) else None
+        if self.knows(track.continues):
+            return unlike(track)
+        numbers = owned if track.continues is None else supported
+        return None if numbers.isdisjoint(track.channels) else taken(track)
 
     def check_continued(self, track: Track) -> None:
         before = self.tracks.get(-1 if track.continues is None else track.continues)
@@ -577,24 +622,29 @@ def parse_track(raw: Any, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
         )
     linked = None if raw.linked == NO_TRACK else raw.linked
     continues = kind in ("full", "lf")
-    contract_at, contract = tlvs.get(CONTRACT, (0, None))
-    text_at, text = tlvs.get(PROVENANCE, (0, b""))
+    unsupported = find_unsupported(raw, tlvs)
+    described = TrackTlvs((Component(),) * size)
+    try:
+        described = parse_described(tlvs, size)
+    except FormatError:
+        if unsupported is None:
+            raise
     return Track(
         id=id_,
         kind=kind,
         codec=raw.codec.decode("latin-1"),
         rate=Fraction(raw.rate_num, raw.rate_den),
         first_channel=raw.first_channel,
-        components=tuple(parse_components(tlvs, size)),
+        components=described.components,
         parameters=tlvs.get(PARAMETERS, (0, b""))[1],
         number_format=format_,
         count_min=raw.count_min,
         count_max=raw.count_max,
         base=None if continues else linked,
         continues=linked if continues else None,
-        contract=None if contract is None else parse_contract(contract, contract_at, size),
-        provenance=parse_text(text, text_at),
-        unsupported=find_unsupported(raw, tlvs),
+        contract=described.contract,
+        provenance=described.provenance,
+        unsupported=unsupported,
         unknown=tuple((type_, value) for type_, (_, value) in tlvs.items() if type_ not in KNOWN),
         offset=offset,
     )
@@ -641,12 +691,6 @@ def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
         )
     if words and track.contract is not None:
         raise FormatError("an error bound on words", requirement="TRK-006", offset=offset)
-    if hf and track.base is None:
-        raise FormatError(
-            "HF track without a base track",
-            requirement="TRK-007",
-            offset=offset + TRACK.offsets["linked"],
-        )
     if hf and INHERITED & tlvs.keys():
         raise FormatError(
             "HF track describes what it has from its base", requirement="TRK-009", offset=offset
@@ -679,6 +723,22 @@ def check_events(track: Track, tlvs: Tlvs, offset: int) -> None:
         raise FormatError(
             f"TLV {beside[0]} in a layer of events", requirement="TRK-019", offset=offset
         )
+
+
+class TrackTlvs(NamedTuple):
+    """What the TLVs say of a track."""
+
+    components: tuple[Component, ...]
+    contract: Contract | None = None
+    provenance: str = ""
+
+
+def parse_described(tlvs: Tlvs, size: int) -> TrackTlvs:
+    components = tuple(parse_components(tlvs, size))
+    contract_at, contract = tlvs.get(CONTRACT, (0, None))
+    text_at, text = tlvs.get(PROVENANCE, (0, b""))
+    parsed = None if contract is None else parse_contract(contract, contract_at, size)
+    return TrackTlvs(components, parsed, parse_text(text, text_at))
 
 
 def parse_components(tlvs: Tlvs, count: int) -> Iterator[Component]:

@@ -294,7 +294,7 @@ def parse_head(payload: bytes, offset: int) -> Head:
     raw = HEAD.read(payload[: HEAD.size].ljust(HEAD.size, b"\0"))
     if payload and raw.major != MAJOR:
         raise UnsupportedError(f"major version {raw.major}", requirement="VER-001", offset=offset)
-    if raw.incompat & ~KNOWN_INCOMPAT:
+    if len(payload) >= places["compat"] and raw.incompat & ~KNOWN_INCOMPAT:
         raise UnsupportedError(
             f"incompatible feature bits {raw.incompat:#x}",
             requirement="VER-001",
@@ -306,14 +306,14 @@ def parse_head(payload: bytes, offset: int) -> Head:
         )
     if len(payload) < HEAD.size:
         HEAD.parse(payload, 0, "HED-002", offset)
-    if raw.reserved:
-        raise FormatError(
-            "reserved byte is not 0", requirement="HED-005", offset=offset + places["reserved"]
-        )
     unknown = [t for t in parse_tlvs(payload, HEAD.size, offset) if t % 2]
     if unknown:
         raise UnsupportedError(
             f"critical TLV {unknown[0]} in HEAD", requirement="TLV-003", offset=offset
+        )
+    if raw.reserved:
+        raise FormatError(
+            "reserved byte is not 0", requirement="HED-005", offset=offset + places["reserved"]
         )
     known = raw.epoch_uncertainty_ns != UNKNOWN_EPOCH
     return Head(

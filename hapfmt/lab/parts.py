@@ -202,7 +202,7 @@ class FileParts:
         catalogue = self.reader.catalogue
         assembly = self.reader.assembly(self.refs, start, stop)
         if self.reader.catalogue is not catalogue:
-            # The index was false, and the file was walked instead: once more, with what that found.
+            # The index was wrong, so the file was walked: read again, with the chunks found.
             self.refs = self.reader.select([ref.number for ref in self.refs])
             assembly = self.reader.assembly(self.refs, start, stop)
         # If a pass has found the missing spans, parts add only packets that fail to decode.

@@ -146,6 +146,8 @@ class Catalogue:
     unknown: list[ChunkHeader] = field(default_factory=list)
     unsupported: UnsupportedError | None = None
     foot: Foot | None = None
+    ended: bool = False
+    """Whether the last chunk is an intact fOOT, even one that breaks a rule."""
     indexed: bool = False
     tolerant: bool = False
     """Whether a broken rule counts as damage in a file without any other."""
@@ -183,7 +185,7 @@ class Catalogue:
 
     @property
     def closed(self) -> bool:
-        return self.foot is not None
+        return self.foot is not None or self.ended
 
     @property
     def data(self) -> list[ChunkRef]:
@@ -205,10 +207,14 @@ class Catalogue:
 
     @property
     def parts(self) -> list[tuple[TrackPair, ...]]:
-        """Tracks that continue one another together, each with its HF track."""
+        """Tracks that continue one another together, each with its HF track. An unsupported track
+        counts as lost to its HF track (SPEC 6.3)."""
         residuals = {track.base: track for track in self.tracks.values() if track.kind == "hf"}
         return [
-            tuple(TrackPair(track, residuals.get(track.id)) for track in chain)
+            tuple(
+                TrackPair(track, None if track.unsupported else residuals.get(track.id))
+                for track in chain
+            )
             for chain in self.table.chains()
         ]
 
@@ -303,7 +309,7 @@ class Catalogue:
                 self.lose("bad-chunk", chunk.offset, size, f"{type_} chunk: {error.message}", rule)
 
     def observed_track(self, chunk: Chunk) -> int | None:
-        """The track whose ticks a clock chunk speaks of (CLK-005)."""
+        """The track whose ticks a clock chunk refers to (CLK-005)."""
         id_ = chunk.header.track
         track = self.tracks.get(id_)
         known = track and track.kind != "events" and (self.damaged or track.offset < chunk.offset)
@@ -363,10 +369,6 @@ class Catalogue:
                     "a second, different HEAD", requirement="HED-001", offset=chunk.offset
                 )
             return None
-        if self.head is None and not self.damaged:
-            raise FormatError(
-                "the first chunk is not HEAD", requirement="HED-001", offset=chunk.offset
-            )
         self.level.check("payload_size", header.payload_size, "LIM-001", chunk.offset)
         if header.type == "TRAK":
             if self.table.is_new(header.track, chunk.payload, offset):

@@ -131,6 +131,8 @@ TAIL_LOSSES = frozenset({"truncated", "garbage", "duplicate-chunk"})
 """Findings that may have been a DATA chunk."""
 MS = 10**6
 """Nanoseconds."""
+OF_PACKETS = ("DAT-004", "DAT-008", "DAT-009")
+"""Rules that cost one packet and not its table."""
 EXTRA_SIZE = 1 << 16
 """Bytes that a damaged payload may be longer than its header says."""
 
@@ -138,7 +140,7 @@ EXTRA_SIZE = 1 << 16
 @dataclass
 class TrackLine:
     """Tracks that continue one another, or one alone: which is at work, and where its last packet
-    ended. ``free``: of events, whose packets come in any order."""
+    ended. ``free``: of events, whose packets come in any order, or unsupported."""
 
     tracks: tuple[int, ...]
     free: bool = False
@@ -148,13 +150,17 @@ class TrackLine:
 
 def lines_of(catalogue: Catalogue) -> dict[int, tuple[TrackLine, int]]:
     """By track, with its place in the line."""
-    rows: list[tuple[int, ...]] = [(track,) for track in catalogue.tracks]
+    tracks = catalogue.tracks
+    rows: list[tuple[int, ...]] = [(track,) for track in tracks]
     for parts in catalogue.parts:
-        rows.append(tuple(part.track.id for part in parts))
-        rows.append(tuple(part.residual.id for part in parts if part.residual))
+        known = [part for part in parts if not part.track.unsupported]
+        rows.append(tuple(part.track.id for part in known))
+        residuals = [part.residual for part in known if part.residual]
+        rows.append(tuple(track.id for track in residuals if not track.unsupported))
     lines: dict[int, tuple[TrackLine, int]] = {}
     for row in rows:
-        line = TrackLine(row, any(catalogue.tracks[track].kind == "events" for track in row))
+        free = any(tracks[id_].kind == "events" or tracks[id_].unsupported for id_ in row)
+        line = TrackLine(row, free)
         lines |= {track: (line, place) for place, track in enumerate(row)}
     return lines
 
@@ -273,6 +279,10 @@ class PacketPass:
             except FormatError as error:
                 if not catalogue.damaged:
                     raise error.at(path=source.path) from None
+                rule = error.requirement or "DAT-005"
+                if rule not in OF_PACKETS:
+                    message = f"DATA chunk: {error.message}"
+                    catalogue.lose("bad-chunk", ref.offset, HEADER_SIZE + size, message, rule)
         elif ref.limit is not None:
             message = "checksum error in the payload of a DATA chunk"
             catalogue.lose(

@@ -409,8 +409,10 @@ class Reader(Closing):
         *,
         exact: bool = False,
         progress: Callable[[int, int], None] | None = None,
+        beside: Sequence[Track] = (),
     ) -> Iterator[DecodedPiece]:
         """Decoded packets of ``tracks`` in order of the file, cut to the seconds [start, stop).
+        The losses of tracks ``beside`` are noted too.
 
         It needs the memory of one cluster. Reading everything walks through the file first, so
         that it finds all damage. Reading a part trusts the index unless it is wrong.
@@ -418,7 +420,7 @@ class Reader(Closing):
         if start is None and stop is None:
             self.scan()
         self.refuse_unknown()
-        ranges = {t.id: tick_range(t.rate, start, stop) for t in tracks}
+        ranges = {t.id: tick_range(t.rate, start, stop) for t in [*tracks, *beside]}
         decoders = {t.id: TrackDecoder(t, self.catalogue.level, self.source.path) for t in tracks}
 
         decoder = PieceDecoder(decoders, ranges, exact=exact)
@@ -439,20 +441,22 @@ class Reader(Closing):
             seconds = self.catalogue.duration
             samples = sum(int(seconds * t.rate) * len(t.components) for t in tracks if t.channels)
             threads = thread_count(self.threads, samples)
-        packets = self.packets(ranges, start, stop, progress)
-        known = {t.id: t for t in tracks}
+        known = {id_: decoder.track for id_, decoder in decoders.items()}
+        found = self.packets(ranges, start, stop, progress)
+        packets = (packet for packet in found if packet.track in known)
         jobs = batches(packets, known, self.limits, BATCH if threads > 1 else 1)
         for batch, pieces in in_order(
             lambda job: (job, decode(job)), jobs, threads, lambda job: job.weight / IN_FLIGHT
         ):
             for packet, piece in zip(batch.packets, pieces, strict=True):
+                fault = piece.fault if isinstance(piece, DecodedPiece) else piece
+                if fault is not None:
+                    if not self.catalogue.damaged:
+                        raise fault
+                    # In a damaged file a broken rule is part of the damage (SPEC clause 14).
+                    self.lose_packet(packet, fault)
                 if isinstance(piece, DecodedPiece):
                     yield piece
-                elif self.catalogue.damaged:
-                    # In a damaged file a broken rule is part of the damage (SPEC clause 14).
-                    self.lose_packet(packet, piece)
-                else:
-                    raise piece
 
     def packets(
         self,
@@ -493,7 +497,8 @@ class Reader(Closing):
         """Packets that lack a description for decoding: LF tracks without their HF track
         (DEC-003), and tracks that a known one continues."""
         parts = {part.track.id: part for ref in chosen for part in ref.parts}
-        bare = [p.track for p in parts.values() if p.track.kind == "lf" and not p.residual]
+        known = [part for part in parts.values() if not part.track.unsupported]
+        bare = [p.track for p in known if p.track.kind == "lf" and not p.residual]
         if band != "full":
             bare = []
         if bare and self.catalogue.closed and not self.catalogue.damaged:
