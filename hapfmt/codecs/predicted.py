@@ -209,7 +209,7 @@ def encode_predicted(
     size, status = 2 * indices.size + 64, NO_ROOM
     plain = np.ascontiguousarray(indices, np.int64)
     beside = b"" if cross is None else cross
-    # A packet that does not fit its buffer is written once more.
+    # A packet that does not fit its buffer is written again.
     while status == NO_ROOM:
         out = bytearray(size)
         taps = np.array(c, np.int32)
