@@ -36,7 +36,7 @@ LONGEST = 200
 
 
 class DescriptionError(ParameterError, ValueError):
-    """What is wrong with a description, and under which key.
+    """An error in a description, with its key.
 
     msgspec puts the key path to a ValueError, so a ``__post_init__`` names only its own keys.
     """
@@ -108,7 +108,7 @@ def parse_json(text: bytes) -> dict[str, Any]:
 
 
 def double(text: str) -> float:
-    """A number of JSON; one too large would become infinite without a word."""
+    """A number of JSON; one too large would become infinite without an error."""
     value = float(text)
     if isinf(value):
         raise ParameterError(f"{text[:40]!r} is beyond the range of a double")
@@ -151,7 +151,7 @@ def joined(at: str, key: str) -> str:
 
 
 def explained(error: ValidationError, kind: Any, value: Any, at: str) -> DescriptionError:
-    """Where the value is, what it is, and what to write instead."""
+    """The message for a wrong value: its key, the value, and the correct form."""
     place = PLACE.search(str(error))
     steps = [name or number for name, number in STEP.findall(place["steps"])] if place else []
     if place and place["key"]:
@@ -173,7 +173,7 @@ def explained(error: ValidationError, kind: Any, value: Any, at: str) -> Descrip
 
 
 def arms(kind: Any) -> list[Any]:
-    """What a union consists of, without None."""
+    """The types of a union, without None."""
     plain = bare(kind)
     if get_origin(plain) in (Union, UnionType):
         return [arm for each in get_args(plain) for arm in arms(each)]
@@ -306,7 +306,7 @@ def shown(value: Any) -> str:
 
 
 def words(node: dict[str, Any]) -> str:
-    """What a schema asks for."""
+    """The values that a schema accepts, in words."""
     if "anyOf" in node:
         return " or ".join(words(each) for each in node["anyOf"] if each.get("type") != "null")
     if "enum" in node:
@@ -419,7 +419,7 @@ class Library:
         return resources.files(self.package) / "builtin"
 
     def names(self) -> tuple[str, ...]:
-        """What comes with the package, sorted."""
+        """Names of the files in the package, sorted."""
         names = (entry.name for entry in self.folder.iterdir())
         return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
 

@@ -77,19 +77,19 @@ class ChecksumError(FormatError):
 
 
 class UnsupportedError(HapfmtError):
-    """Conforming as far as understood, but needs a feature, codec or level unknown here."""
+    """The file needs a feature, codec or level that this version does not know."""
 
     exit_code = 4
 
 
 class LimitError(HapfmtError):
-    """More than the level, or the caller's own limits, allow; raised before memory is taken."""
+    """More than the level or the caller's limits allow; raised before memory is allocated."""
 
     exit_code = 4
 
 
 class ParameterError(HapfmtError):
-    """The caller asked for something that cannot be done; nothing was read or written."""
+    """The arguments are wrong or cannot be fulfilled; nothing was read or written."""
 
 
 class UnknownChannelError(ParameterError, KeyError):
@@ -102,12 +102,6 @@ class MovedTimesWarning(UserWarning):
 
 class DataWarning(UserWarning):
     """hapfmt kept the data, but they may not be as the caller meant: an unknown unit, say."""
-
-
-class LateError(HapfmtError):
-    """A replay stopped itself, since it or the device could not keep up."""
-
-    exit_code = 5
 
 
 class DeviceError(HapfmtError):
@@ -133,7 +127,7 @@ VERDICTS = {
     UNSUPPORTED: "unsupported",
 }
 HARMLESS = frozenset({"not-closed"})
-"""Codes of findings that take nothing away from what the file holds."""
+"""Codes of findings that do not affect the contents of the file."""
 
 
 def verdict_of(
@@ -162,7 +156,7 @@ def verdict_of(
 
 
 SHOWN = 30
-"""Names that a message lists."""
+"""Most names that a message lists."""
 
 
 def similar(name: str, known: Iterable[str], cutoff: float | None = None) -> str | None:

@@ -130,7 +130,7 @@ def atomic_write(path: str | os.PathLike[str], *, force: bool = False) -> Iterat
 def target(
     file: str | os.PathLike[str] | BinaryIO, force: bool
 ) -> AbstractContextManager[BinaryIO]:
-    """A stream for a path, written atomically, or the stream that is given."""
+    """A stream for a path, written atomically, or the given stream itself."""
     if isinstance(file, (str, os.PathLike)):
         return atomic_write(file, force=force)
     return nullcontext(file)
@@ -145,7 +145,7 @@ def refuse(name: str, force: bool) -> None:
         mode = path.stat().st_mode
     except FileNotFoundError:
         if path.is_symlink() and not force:
-            # Somebody else chose the place that it leads to.
+            # Another user may have chosen its target.
             raise refusal(
                 f"{name} is a symbolic link to a file that does not exist; "
                 "use --force (force=True) to write it"
@@ -170,7 +170,7 @@ def refusal(message: str) -> ParameterError:
 
 
 def sync_directory(directory: Path) -> None:
-    """Make the new name itself durable, where the system can (POSIX)."""
+    """Write the directory entry to the disk, where the system can (POSIX)."""
     with suppress(OSError):
         descriptor = os.open(directory, os.O_RDONLY)
         try:

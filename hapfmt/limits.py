@@ -63,6 +63,18 @@ room for the other limits at the same time. A sample of the packet being decoded
 bytes. A sample that is held and converted takes 38, a chunk or a finding 700, an event 1000. A
 component that is described and printed takes 8000, a byte of metadata 60."""
 
+COUNTED = {
+    "packet_samples": "samples in one packet",
+    "work_samples": "samples in one pass",
+    "samples": "samples at once (of all channels that are read)",
+    "records": "chunks and findings",
+    "components": "components described",
+    "metadata": "bytes of metadata and clocks",
+    "attachments": "bytes of attachments",
+    "events": "events at once",
+}
+"""What each limit counts, for messages."""
+
 _SHIFTS = {"": 0, "k": 10, "m": 20, "g": 30, "t": 40}
 _SIZE = re.compile(r"(\d{1,15})\s*([kmgt]?)(i?b)?", re.ASCII)
 
@@ -120,7 +132,7 @@ class Limits:
         """Limits for this much memory, in bytes or as a text: "256M". Raises ParameterError."""
         return cls(memory=parse_size(size))
 
-    def check(self, name: str, value: int, what: str, offset: int | None = None) -> None:
+    def check(self, name: str, value: int, offset: int | None = None) -> None:
         """Raise LimitError if ``value`` is above the limit ``name``."""
         bound = getattr(self, name)
         if value > bound:
@@ -128,34 +140,10 @@ class Limits:
             if self.memory is not None and name in ROOM_FOR:
                 way = f"allow more than {self.memory} bytes of memory (--max-memory)"
             raise LimitError(
-                f"{what} are above the limit of {bound}: {way}",
+                f"{value} {COUNTED[name]} are above the limit of {bound}: {way}",
                 requirement="LIM-003",
                 offset=offset,
             )
-
-    def check_work(self, value: int) -> None:
-        self.check("work_samples", value, f"{value} samples in one pass")
-
-    def check_events(self, value: int) -> None:
-        self.check("events", value, f"{value} events at once")
-
-    def check_packet(self, value: int) -> None:
-        self.check("packet_samples", value, f"{value} samples in one packet")
-
-    def check_samples(self, value: int) -> None:
-        self.check("samples", value, f"{value} samples at once (of all channels that are read)")
-
-    def check_records(self, value: int) -> None:
-        self.check("records", value, f"{value} chunks and findings")
-
-    def check_components(self, value: int) -> None:
-        self.check("components", value, f"{value} components described")
-
-    def check_metadata(self, value: int, offset: int) -> None:
-        self.check("metadata", value, f"{value} bytes of metadata and clocks", offset)
-
-    def check_attachments(self, value: int, offset: int) -> None:
-        self.check("attachments", value, f"{value} bytes of attachments", offset)
 
 
 LAST_TRACK_ID = 65_533

@@ -93,7 +93,7 @@ def by_layer(events: Iterable[Event]) -> dict[str, list[Event]]:
 
 
 def index_of_channel(event: Event, labels: Sequence[str]) -> int | None:
-    """The number of the channel that an event speaks of."""
+    """The number of the channel that an event refers to."""
     if isinstance(event.channel, str):
         if event.channel not in labels:
             raise ParameterError(f"an event names channel {event.channel!r}, which does not exist")
@@ -700,9 +700,6 @@ class Channel:
         put("deviation", deviation)
         put("lsb", lsb)
         put("exact", exact)
-        self._check()
-
-    def _check(self) -> None:
         if self.stored.ndim != 1:
             raise ParameterError("a channel's values are one-dimensional")
         if self.rate_exact <= 0:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import atexit
 import os
 import shutil
+import signal
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import stalls
 from depth import DEEP, PROFILE
 from hypothesis import HealthCheck, settings
 
@@ -31,6 +33,10 @@ settings.register_profile("brief", max_examples=20, derandomize=True, **COMMON)
 settings.register_profile("ci", max_examples=40, derandomize=True, print_blob=True, **COMMON)
 settings.register_profile("nightly", max_examples=3000, **COMMON)
 settings.load_profile(PROFILE)
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # As in the background of a shell: the programs that tests interrupt would inherit it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
     # The programs that tests start would compile hapfmt again each time.
@@ -68,9 +74,18 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if DEEP:
         return
     later = {"deep"} if compiled else {"deep", "compiled"}
-    chosen = [item for item in items if not later & {mark.name for mark in item.iter_markers()}]
-    config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
-    items[:] = chosen
+    left_out = [item for item in items if later & {mark.name for mark in item.iter_markers()}]
+    config.hook.pytest_deselected(items=left_out)
+    gone = set(left_out)
+    items[:] = [item for item in items if item not in gone]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    if item.get_closest_marker("realtime") is None:
+        return None
+    stalls.run(item, nextitem)
+    return True
 
 
 @pytest.hookimpl(wrapper=True)

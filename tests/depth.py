@@ -27,9 +27,10 @@ def deep(values: Iterable[Any]) -> list[Any]:
     return [pytest.param(value, marks=pytest.mark.deep) for value in values]
 
 
-def either(name: str, quick: Any, deep: Any) -> pytest.MarkDecorator:
-    """A parameter with one value in any profile, and another where there is time."""
-    return pytest.mark.parametrize(name, [quick, pytest.param(deep, marks=pytest.mark.deep)])
+def either(name: str, quick: Any, deep: Any, nightly: Any = None) -> pytest.MarkDecorator:
+    """A parameter with one value in any profile, and another where there is time, or a whole night."""
+    more = deep if nightly is None or PROFILE != "nightly" else nightly
+    return pytest.mark.parametrize(name, [quick, pytest.param(more, marks=pytest.mark.deep)])
 
 
 def sample(cases: Iterable[Any], share: int = 10, always: Iterable[Any] = ()) -> list[Any]:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 def misbehave(deed):
     if deed == "hang":
-        time.sleep(60)
+        time.sleep(600)
     if deed == "crash":
         os.abort()
     if deed == "grow":

@@ -323,7 +323,7 @@ FAULTS = [
     Fault("TRK-006", 101, "words in KNOT", tracks(number_format=1, count_min=0, count_max=0)),
     Fault("TRK-006", 101, "words with a contract",
           tracks(f.tlv(16, f.deadband()), number_format=1, codec=b"RAWB", count_min=0, count_max=0)),
-    Fault("TRK-007", 127, "HF without base", tracks(kind=2)),
+    Fault("TRK-007", 100, "HF without base", added(f.trak(kind=2))),
     Fault("TRK-007", 100, "base unknown", added(RESIDUAL)),
     Fault("TRK-007", 100, "base full band", added(f.trak(), RESIDUAL)),
     Fault("TRK-007", 100, "another rate", added(UP_TO_HF, f.trak(kind=2, base=0, rate_num=1))),

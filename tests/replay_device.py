@@ -203,7 +203,7 @@ def pid_of(w: World, name: str) -> int:
     return opened(w.device.wait_for(opened))[0]
 
 
-def alone(w: World, seconds: float = 10.0) -> bool:
+def alone(w: World, seconds: float = 60.0) -> bool:
     """Nothing of a replay is left running."""
     end = time.monotonic() + seconds
     # Of what words name, not of where they lie: a clone may be called like this too.

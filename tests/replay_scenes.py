@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from hapfmt.replay.process.player import play
+from hapfmt.replay.process.player import PlayerStatus, play
 from hapfmt.replay.profile.model import FrameBlock, Profile
 from hapfmt.replay.profile.parse import load_profile, parse_profile
 from hapfmt.replay.render.renderer import Position
@@ -139,16 +139,21 @@ class FullDisk:
 
 
 class Pressed:
-    """Keys at given times since the first look."""
+    """Keys, each so many seconds after the first frame or the key before; 0 gives them together."""
 
     def __init__(self, script: list[tuple[float, Any]]) -> None:
-        self.script, self.began = list(script), 0.0
+        self.script, self.before_s = list(script), 0.0
+
+    def look(self, status: PlayerStatus) -> None:
+        if status.sent and not self.before_s:
+            self.before_s = time.monotonic()
 
     def pressed(self) -> list[Any]:
-        self.began = self.began or time.monotonic()
+        now_s = time.monotonic()
         found = []
-        while self.script and time.monotonic() - self.began >= self.script[0][0]:
+        while self.before_s and self.script and now_s - self.before_s >= self.script[0][0]:
             found.append(self.script.pop(0)[1])
+            self.before_s = now_s
         return found
 
 
@@ -165,7 +170,8 @@ def main() -> None:
     if "disk" in given:
         options["record"] = FullDisk(given["disk"])
     if "keys" in given:
-        options["keys"] = Pressed(given["keys"])
+        options["keys"] = keys = Pressed(given["keys"])
+        options["on_status"] = keys.look
     if "block_s" in given:
         options["on_status"] = lambda _: time.sleep(given["block_s"])
     report = play(source, profile, sink, **options)

@@ -26,7 +26,7 @@ RATE = 1000
 CHANGE = 500
 """Counts from one frame to the next, at most: 500 N/s in steps of 1 mN."""
 NEUTRAL_COUNT = 5
-PATIENT_S = 30.0
+PATIENT_S = 60.0
 """For what takes a second on a machine that does nothing else."""
 
 

@@ -368,7 +368,7 @@ class TestFilesWithoutEnd:
     def here(self, room, monkeypatch):
         """In the study's folder, and not for ever."""
         monkeypatch.chdir(room)
-        signal.alarm(30)
+        signal.alarm(300)
         yield
         signal.alarm(0)
 

@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from pathlib import Path
@@ -172,7 +173,7 @@ def test_a_signal_before_anything_came(tmp_path):
 
 
 def test_dropped_samples_end_with_3(tmp_path, monkeypatch):
-    """The encoder is held up by a disk that takes its time."""
+    """The encoder is held up by a disk that takes nothing until a sample is dropped."""
     from click.testing import CliRunner
 
     from hapfmt.cli import cli
@@ -182,8 +183,21 @@ def test_dropped_samples_end_with_3(tmp_path, monkeypatch):
     monkeypatch.setattr(module.Recorder.__init__, "__kwdefaults__", {
         **module.Recorder.__init__.__kwdefaults__, "queue_size": 4096
     })  # fmt: skip
-    pwrite = os.pwrite
-    monkeypatch.setattr(os, "pwrite", lambda *given: (time.sleep(0.05), pwrite(*given))[1])
+    pwrite, put, refused = os.pwrite, module.SampleQueue.put, threading.Event()
+
+    def slow(*given):
+        if threading.current_thread() is not threading.main_thread():
+            refused.wait(60)
+        return pwrite(*given)
+
+    def told(*given, **how):
+        taken = put(*given, **how)
+        if not taken:
+            refused.set()
+        return taken
+
+    monkeypatch.setattr(os, "pwrite", slow)
+    monkeypatch.setattr(module.SampleQueue, "put", told)
     source = tmp_path / "rows.txt"
     noise = np.random.default_rng(0).integers(-999, 999, 300_000)
     source.write_bytes(HEAD + "\n".join(map(str, noise)).encode())

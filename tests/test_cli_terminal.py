@@ -371,6 +371,7 @@ def test_did_you_mean(words: list[str], meant: str, room: Path) -> None:
     assert done.returncode == 1 and re.search(rf"[Dd]id you mean '{re.escape(meant)}'\?", err), err
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     "words", [("encode", "big.npz", "x.hapf"), ("convert", "big.npz", "x.hapf")]
 )

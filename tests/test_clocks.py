@@ -177,7 +177,7 @@ class TestFile:
         types = [ref.type for ref in reader.catalogue.chunks]
         assert types.count("cLOk") == 5
 
-    @either("every", 5, deep=1)
+    @either("every", 5, deep=2, nightly=1)
     def test_damage(self, every):
         for at in range(0, len(FILE), every):
             data = bytearray(FILE)

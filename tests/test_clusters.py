@@ -128,11 +128,12 @@ def test_a_queue_gives_items_in_order_and_counts_what_the_taker_holds():
     assert queue.take(0.05) == "c" and time.monotonic() - began >= 0.04
 
 
+@pytest.mark.realtime
 def test_a_full_queue_refuses_or_waits():
     queue: SampleQueue[int] = SampleQueue(1)
     assert queue.put(1, 10**9)
     assert not queue.put(2, wait=False)
-    done = threading.Thread(target=lambda: [queue.take(5), queue.take(5), queue.take(5)])
+    done = threading.Thread(target=lambda: [queue.take(60), queue.take(60), queue.take(60)])
     threading.Timer(0.05, done.start).start()
     assert queue.put(2) and queue.blocked_s > 0.01
     queue.join()

@@ -41,7 +41,7 @@ from hapfmt.errors import FormatError
 from hapfmt.format.cluster import Packet
 from hapfmt.format.track import Affine, Component, Track
 from hapfmt.limits import LEVELS
-from hapfmt.reading.decoder import TrackDecoder
+from hapfmt.reading.decoder import PieceDecoder, TrackDecoder
 
 pytestmark = pytest.mark.capped
 
@@ -311,6 +311,13 @@ class TestTracks:
                 continue
             with pytest.raises(FormatError, match=rule):
                 decoder.decode_exact(broken, counts)
+
+    def test_broken_exact_values_are_nan(self):
+        pieces = PieceDecoder({0: TrackDecoder(self.TRACK, ONE)}, {0: (0, 9)}, exact=True)
+        piece = pieces.decode(Packet(0, 0, 3, packet([1, 2, 3], b"\4\0\0")))
+        assert piece.numbers.tolist() == [[1], [2], [3]]
+        assert np.isnan(piece.exact).all() and piece.exact.shape == (3, 1)
+        assert piece.fault.requirement == "EXA-004"
 
     @pytest.mark.parametrize("wrong", [{"kind": "lf"}, {"kind": "hf"}], ids=str)
     def test_no_loss(self, wrong):

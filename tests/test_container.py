@@ -148,7 +148,7 @@ class TestChunkHeader:
 
 class TestUnknownChunks:
     """
-    CHK-009: A reader that finds an unknown critical chunk MUST report the outcome *unsupported* (clause 13) and give no samples. This applies to a damaged chunk too, but not to a duplicate.
+    CHK-009: A reader that finds an unknown critical chunk MUST report the outcome *unsupported* (clause 13) and give no samples. A verifier then decodes no packet. This applies to a damaged chunk too, but not to a duplicate.
     CHK-010: A reader MUST skip unknown ancillary chunks, and list them on request.
     """
 

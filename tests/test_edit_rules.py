@@ -196,7 +196,7 @@ class TestChunks:
         assert edited.notes == [
             "xySz chunk copied: unknown, but safe to copy",
             "xyTz chunk copied: unknown, but safe to copy",
-            "xyUz chunk left out: it speaks of track 0",
+            "xyUz chunk left out: it refers to track 0",
             "xyZZ chunk left out: unknown, and unsafe to copy",
         ]
 
@@ -233,7 +233,7 @@ class TestChunks:
         assert chunks_of(moved, "cMAp") == [clock(-2 - 15)]
         part, edited = subset(data, [1])
         assert chunks_of(part, "cLOk") == [clock(10**9)] and chunks_of(part, "cMAp") == [clock(-2)]
-        assert edited.notes == ["cLOk chunk left out: it speaks of track 0"]
+        assert edited.notes == ["cLOk chunk left out: it refers to track 0"]
         third, edited = merge([data], offsets={0: Fraction(1)})
         assert chunks_of(third, "cLOk")[0] == clock(1007)
         only = forge.closed(

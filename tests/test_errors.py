@@ -121,7 +121,7 @@ def test_index_and_footer(fault):
     IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
     IDX-006: For a `DATA` chunk `start_ms` MUST be at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
     FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.
-    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
+    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In a `fOOT` that closes the file, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """
     assert_reported(fault)
 

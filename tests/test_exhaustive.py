@@ -85,7 +85,7 @@ def test_every_single_fault(name, kind, step):
     """
     VRD-001: A program that reads hapf files MUST end with the code of this clause.
     REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
-    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode. Track id, start, span and bytes stay the same.
+    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode, exact values too. Track id, start, span and bytes stay the same.
     """
     bands = ("full", "lf") if name in ("residual", "perceptual") else ("full",)
     for number, bad in enumerate(cases(small(name), kind)):

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
+from stalls import slowness
 
 from hapfmt.errors import FormatError
 from hapfmt.format.cluster import Packet
@@ -233,7 +234,7 @@ class TestAHint:
 
 class TestFooter:
     """
-    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
+    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In a `fOOT` that closes the file, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """
 
     def test_true(self):
@@ -420,7 +421,7 @@ class TestNotClosed:
         from hapfmt.reading.opening import last_index
 
         assert last_index(BytesSource(data), f.FILE_ID) is None
-        assert time.process_time() - began < 1
+        assert time.process_time() - began < slowness()
 
     def test_a_false_end(self):
         """Of the last cluster an index lists: the end is read from its packets."""

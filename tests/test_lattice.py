@@ -13,6 +13,7 @@ from depth import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from stalls import slowness
 
 from hapfmt.encoder.lattice import (
     Lattice,
@@ -472,7 +473,7 @@ def test_simplest_fraction(a: Fraction, b: Fraction, low_in: bool, high_in: bool
 def test_a_million_distinct_values(x: Doubles) -> None:
     start = time.process_time()
     find_lattice(x)
-    assert time.process_time() - start < 5  # measured 0.1 to 0.4 s
+    assert time.process_time() - start < 5 * slowness()  # measured 0.1 to 0.4 s
 
 
 # --- recordings

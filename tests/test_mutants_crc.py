@@ -71,7 +71,7 @@ def two_events(first: int, second: int, *more: Row) -> bytes:
 def test_packets_of_events_that_start_together() -> None:
     """
     DAT-002: Rows MUST be in strictly increasing order of (track, start), those of events too.
-    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode. Track id, start, span and bytes stay the same.
+    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode, exact values too. Track id, start, span and bytes stay the same.
     """
     data = two_events(0, 0)
     assert verify(data).exit_code == 2

@@ -328,7 +328,7 @@ def test_files_that_are_written_are_intact(recording, settings):
     """
     CHK-005: `sequence` MUST be 0 in the first chunk and greater by one in each next chunk.
     IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
-    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In the last `fOOT`, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
+    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In a `fOOT` that closes the file, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     DGS-003: A digest MUST be that of exactly the packets of its track in chunks before it, by sequence numbers.
     """
     file = encoded(recording, settings)

@@ -280,7 +280,7 @@ def chunk_count(path, type_="DATA") -> int:
         return sum(chunk.type == type_ for chunk in reader.catalogue.chunks)
 
 
-def wait_for(condition, seconds: float = 20.0) -> None:
+def wait_for(condition, seconds: float = 60.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end
@@ -413,6 +413,7 @@ def test_a_full_queue_raises_where_asked_and_the_samples_can_come_again():
     assert hapfmt.read(stream.getvalue()).channels[0].coverage == (Span(0, taken + 400),)
 
 
+@pytest.mark.realtime
 def test_a_full_queue_blocks_and_the_time_is_counted():
     stream = Slow()
     recorder = Recorder(stream, [counts_input()], queue_size=20_000, epoch_ns=None)

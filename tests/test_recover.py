@@ -90,7 +90,7 @@ def test_an_intact_file_comes_back_the_same():
 )
 def test_any_damage_of_any_file(recording, settings, band, data):
     """
-    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode. Track id, start, span and bytes stay the same.
+    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode, exact values too. Track id, start, span and bytes stay the same.
     DEC-004: A decoder MUST NOT fill gaps with values. Where an output cannot leave them out, it marks them by NaN or a mask.
     """
     out = io.BytesIO()
@@ -111,7 +111,7 @@ def test_any_damage_of_any_file(recording, settings, band, data):
 
 def test_packets_are_copied_and_no_others():
     """
-    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode. Track id, start, span and bytes stay the same.
+    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode, exact values too. Track id, start, span and bytes stay the same.
     """
     rows = [(0, 4 * i, 4, f.svarint(i)) for i in range(5)]
     data = f.closed(
@@ -128,7 +128,7 @@ def test_packets_are_copied_and_no_others():
 
 def test_a_packet_that_does_not_decode_is_left_out():
     """
-    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode. Track id, start, span and bytes stay the same.
+    REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode, exact values too. Track id, start, span and bytes stay the same.
     """
     late = ("DATA", f.cluster((0, 4, 4, b"\x80")))
     data = f.closed(("HEAD", f.head()), f.TRACK_0, f.DATA_0, late, duration_ns=8_000_000)

@@ -22,7 +22,7 @@ from virtual_hid.world import world
 
 import hapfmt
 
-pytestmark = pytest.mark.usefixtures("hidapi")
+pytestmark = [pytest.mark.usefixtures("hidapi"), pytest.mark.realtime]
 
 
 @pytest.fixture(scope="module")

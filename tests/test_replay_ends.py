@@ -26,10 +26,11 @@ from virtual_hid.world import world as any_world
 
 world = partial(any_world, tier="fuse")
 """Which process writes, and when it closes the device, is told by FUSE alone."""
-pytestmark = pytest.mark.usefixtures("hidapi")
+pytestmark = [pytest.mark.usefixtures("hidapi"), pytest.mark.realtime]
 
-TRIP_S = 0.1
-"""Of silence, after which the watchdog acts (docs/safety.md), where ``hold_ms`` is not above 50."""
+HOLD_MS = 300
+TRIP_S = 0.6
+"""Of silence, after which the watchdog acts (docs/safety.md): twice the hold time."""
 KILLED_S = 0.5
 """After the death of the writer, in which a busy machine may be late: measured, 3 to 11 ms."""
 MARGIN_S = 0.4
@@ -67,7 +68,7 @@ def patience(request, tmp_path_factory, constant):
     if all(x.get_closest_marker("skip") for x in wanted):
         yield None
         return
-    profile = rd.patient(tmp_path_factory.mktemp("patience"), hold_ms=49)
+    profile = rd.patient(tmp_path_factory.mktemp("patience"), hold_ms=HOLD_MS)
     stalls = [Fault("stall", at=60, ms=3000)], [Fault("stall", at=60, ms=60_000)]
     devices = [(glove(serial=f"SN{number}"), faults) for number, faults in enumerate(stalls)]
     with world(devices=devices) as w:
@@ -133,15 +134,14 @@ class TestDevice:
             rd.check_sent(report, 1000 + rd.RAMP)
             rd.check_constant(w.reports)
 
-    def test_it_stalls_for_50_ms(self, constant):
+    def test_it_stalls_for_longer_than_the_hold(self, tmp_path, constant):
         """PLY-006: A player that comes later to a frame than the profile allows MUST ramp to rest and stop."""
-        with world(faults=[Fault("stall", at=60, ms=50)]) as w:
-            done = rd.replay(w, constant).wait()
-            report = rd.told(done)
-            assert (report["outcome"], done.returncode) == ("late", 5)
-            assert report["late"]["max"] >= 49_000
-            if report["watchdog"] != "stood by":  # a machine that stalled as long again itself
-                pytest.skip(report["watchdog"])
+        with world(faults=[Fault("stall", at=60, ms=HOLD_MS + 30)]) as w:
+            profile = rd.patient(tmp_path, hold_ms=HOLD_MS)
+            report = rd.told(rd.replay(w, constant, profile=profile).wait())
+            assert (report["outcome"], report["exit_code"]) == ("late", 5)
+            assert report["late"]["max"] >= 1000 * (HOLD_MS + 29)
+            assert report["watchdog"] == "stood by"
             rd.check_constant(w.reports)
             assert rd.counts_of(w.reports)[61:] == rd.rested()
 
@@ -181,13 +181,13 @@ class TestProcesses:
     def test_the_writer_stands_still_in_a_call(self, tmp_path, constant):
         """The watchdog acts after its time. The frame that the writer was in comes late, and is
         followed by nothing but neutral ones."""
-        with world(faults=[Fault("handle-stall", at=60, ms=400)]) as w:
-            done = rd.replay(w, constant, profile=rd.patient(tmp_path, hold_ms=49)).wait()
+        with world(faults=[Fault("handle-stall", at=60, ms=1500)]) as w:
+            done = rd.replay(w, constant, profile=rd.patient(tmp_path, hold_ms=HOLD_MS)).wait()
             report = rd.told(done)
             assert (report["outcome"], done.returncode) == ("late", 5)
             assert "tripped: the writer was silent" in report["watchdog"]
             reports = w.reports
-            (stale,) = [x for x in reports if x.time_ns - x.asked_ns > 300e6]
+            (stale,) = [x for x in reports if x.time_ns - x.asked_ns > 1e9]
             at = reports.index(stale)
             assert rd.Report.of(stale.data).counts == rd.LEVELS
             meanwhile, after = reports[60:at], reports[at + 1 :]
@@ -200,7 +200,7 @@ class TestProcesses:
     @pytest.mark.deep
     def test_the_writer_is_stopped_and_goes_on(self, tmp_path, constant):
         with world() as w:
-            running = rd.replay(w, constant, profile=rd.patient(tmp_path, hold_ms=49))
+            running = rd.replay(w, constant, profile=rd.patient(tmp_path, hold_ms=HOLD_MS))
             writer, watchdog = rd.pid_of(w, "writer"), rd.pid_of(w, "watchdog")
             w.device.wait_for(rd.steady(60))
             w.signal(writer, signal.SIGSTOP)
@@ -227,7 +227,7 @@ class TestProcesses:
             w.device.wait_for(rd.steady(200))
             running.signal(signal.SIGKILL)
             assert running.wait().returncode == -signal.SIGKILL
-            w.device.wait_for(lambda events: [x.op for x in events].count("close") == 2, 10)
+            w.device.wait_for(lambda events: [x.op for x in events].count("close") == 2)
             rd.check_constant(w.reports)
             assert rd.alone(w)
 
@@ -239,7 +239,7 @@ class TestProcesses:
             w.device.wait_for(rd.steady(200))
             running.signal(signal.SIGKILL)
             w.signal(writer, signal.SIGKILL)
-            w.device.wait_for(lambda events: [x.op for x in events].count("close") == 2, 10)
+            w.device.wait_for(lambda events: [x.op for x in events].count("close") == 2)
             after = [x for x in w.reports if x.pid == watchdog]
             assert len(after) >= rd.NEUTRAL
             assert all(map(rd.is_neutral, after + w.reports[-rd.NEUTRAL :]))
@@ -343,7 +343,7 @@ class TestPatience:
     def test_a_device_that_hangs(self, patience):
         """Writes end after 5 s, not taken (the kernel's own limit); then nothing is tried for long."""
         w, (_, running) = patience
-        done = running.wait(40)
+        done = running.wait()
         report = rd.told(done)
         assert (report["outcome"], done.returncode) == ("device-lost", 6)
         assert "tripped" in report["watchdog"]
@@ -353,4 +353,4 @@ class TestPatience:
         assert first.error == errno.ETIMEDOUT
         assert others and all(map(rd.is_neutral, others))
         assert (device.events[-1].time_ns - first.asked_ns) / 1e9 < 20
-        assert rd.alone(w, 20)
+        assert rd.alone(w)

@@ -202,9 +202,10 @@ one.close(); two.close()
         assert [each.data[1] for each in made.reports] == [1, 2, 3, 4]
 
 
+@pytest.mark.realtime
 def test_close_waits_for_a_write_that_stalls():
     """The real library would read freed memory."""
-    with world(device=GLOVE, faults=[Fault("stall", at=1, ms=300)]) as made:
+    with world(device=GLOVE, faults=[Fault("stall", at=1, ms=1000)]) as made:
         out = python(
             made,
             """

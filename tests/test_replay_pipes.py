@@ -347,6 +347,7 @@ class TestWatchdog:
         assert all(line.neutral for line in lines(dog.file))
         assert dog.errors.watchdog.startswith("tripped: the writer has died; the device took")
 
+    @pytest.mark.realtime
     def test_the_writer_is_silent(self, tmp_path):
         with Dog(tmp_path / "device", heartbeat_s=0.05) as dog:
             dog.ready()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
+from dataclasses import replace
 from fractions import Fraction
 from math import inf, nan
 
@@ -16,14 +18,15 @@ from hapfmt.replay.profile.model import CountLimits
 from hapfmt.replay.schedule import Limiter, Schedule, ramp_samples
 
 MS = 10**6
-ALL = 10**6
-"""Samples: a block without an end."""
+ENDLESS = 10_000
+"""Counts: no replay here is as long."""
 
 
 def sent(schedule, frames=None):
     """The counts of the first actuator in the next frames, on time."""
     found = []
     while schedule.state != "ended" and (frames is None or len(found) < frames):
+        assert len(found) < ENDLESS, "it does not end"
         frame = schedule.frames_due(schedule.next_ns)
         found.extend(row[0] for row in frame.counts)
     return found
@@ -90,6 +93,24 @@ class TestRamps:
         assert sent(schedule, 3) == [293, 1000, 1707]
         assert schedule.counts.under_runs == 0
 
+    @pytest.mark.parametrize("generation", [0, 2])
+    def test_blocks_of_another_seek(self, generation):
+        """Those from before it, and those of one that is still to come, are not played."""
+        schedule = started(np.ones(20))
+        schedule.seek(1, 0)
+        schedule.feed(make_block(0, np.full(9, 2.0), generation=generation, last=True))
+        assert sent(schedule, 3) == [0, 0, 0]
+        schedule.feed(make_block(0, np.ones(9), generation=1))
+        assert sent(schedule, 4) == [146, 500, 854, 1000]
+
+    def test_a_block_that_ends_where_a_seek_begins(self):
+        """It brings nothing, so the replay waits for one that does."""
+        schedule = started(np.ones(20))
+        schedule.seek(1, 50)
+        schedule.feed(make_block(40, np.ones(10), generation=1))
+        assert sent(schedule, 3) == [0, 0, 0]
+        assert (schedule.played, schedule.counts.under_runs) == (50, 0)
+
     def test_a_seek_in_a_ramp(self):
         schedule = started(np.ones(20))
         assert sent(schedule, 2) == [146, 500]
@@ -118,6 +139,11 @@ class TestRamps:
         schedule.feed(make_block(50, [1, 2, 3, 4], generation=1))
         assert schedule.frames_due(30 * MS).counts == ((146,),)
 
+    def test_a_late_first_frame_leaves_nothing_out(self):
+        schedule = started([1, 2, 3, 4, 5])
+        assert schedule.frames_due(5 * MS).counts == ((146,),)
+        assert schedule.played == 1
+
     def test_a_seek_in_a_pause_stays_paused(self):
         schedule = started(np.ones(20))
         sent(schedule, 5)
@@ -128,6 +154,17 @@ class TestRamps:
         assert sent(schedule, 3) == [0, 0, 0]
         schedule.resume()
         assert sent(schedule, 2) == [146, 500]
+
+    def test_a_seek_from_a_signal_at_rest(self):
+        """Its ramp is at the top although it sends the resting count: no step after the seek."""
+        schedule = started(np.zeros(20))
+        assert sent(schedule, 6) == [0] * 6
+        schedule.pause()
+        assert schedule.state == "pausing"
+        schedule.resume()
+        schedule.seek(1, 100)
+        schedule.feed(make_block(100, np.ones(9), generation=1))
+        assert sent(schedule, 8) == [0, 0, 0, 0, 146, 500, 854, 1000]
 
     def test_the_join_of_a_loop(self):
         """However short: one sample of nothing is a ramp down and one up."""
@@ -150,6 +187,55 @@ class TestRamps:
         sent(schedule, 5)
         assert schedule.frames_due(7 * MS).counts == ((854,),)
         assert sent(schedule, 5) == [500, 146, 0, 586, 2000]
+
+    def test_a_skip_in_a_join(self):
+        """The fall goes on from its own top, not from where the slew limit kept the actuator."""
+        profile = make_profile(make_actuator(slew=170), ramp_s=0.008)
+        known = np.arange(60)[:, None] < 20
+        schedule = Schedule(profile)
+        schedule.feed(make_block(0, np.ones(60), known))
+        assert sent(schedule, 26)[20:] == [962, 854, 691, 521, 351, 181]
+        assert schedule.frames_due(28 * MS).counts == ((38,),)
+        assert sent(schedule, 2) == [0, 0]
+
+    def test_a_skip_at_rest(self):
+        """Who is at rest already need not come to rest: the signal begins with its first sample."""
+        known = np.ones((40, 1), bool)
+        known[5:20] = False
+        schedule = Schedule(make_profile())
+        schedule.feed(make_block(0, np.ones(40), known))
+        assert sent(schedule, 10)[5:] == [854, 500, 146, 0, 0]
+        assert schedule.frames_due(20 * MS).counts == ((146,),)
+
+    def test_a_skip_over_a_hole_between_blocks(self):
+        schedule = started(np.ones(6))
+        schedule.feed(make_block(8, np.full(20, 4.0)))
+        sent(schedule, 5)
+        assert schedule.frames_due(10 * MS).counts == ((854,),)
+        assert sent(schedule, 5) == [500, 146, 0, 586, 2000]
+
+    def test_a_skip_before_a_join(self):
+        """Only what is skipped must be known."""
+        known = np.ones((20, 1), bool)
+        known[9] = False
+        schedule = started(np.ones(5))
+        schedule.feed(make_block(5, np.ones(20), known))
+        sent(schedule, 6)
+        assert schedule.frames_due(8 * MS).counts == ((1000,),)
+        assert sent(schedule, 6) == [1000] * 5 + [854]
+
+    def test_a_skip_of_frames_of_many_samples(self):
+        schedule = started(np.arange(60) / 20, make_profile(frame_samples=3))
+        sent(schedule, 3)
+        assert schedule.frames_due(15 * MS).counts == ((750,), (800,), (850,))
+        assert schedule.played == 18
+
+    def test_a_ramp_too_long_to_be_seen(self):
+        """So long that a raised cosine of its first sample is zero as a double."""
+        schedule = started(np.full(9, 5.0), make_profile(ramp_s=1e6))
+        assert sent(schedule, 2) == [0, 0]
+        schedule.stop()
+        assert sent(schedule) == [0, 0]
 
     def test_to_a_rest_that_is_not_zero(self):
         profile = make_profile(make_actuator(rest=2.0), gain=0.5)
@@ -221,6 +307,14 @@ class TestLimits:
         assert sent(schedule, 20)[-1] == 1040
         assert schedule.frames_to_rest == (4 + 40 / 2) / 2 + 1
 
+    def test_without_actuators(self):
+        """Nothing can move, so the first frame is the last of a stop."""
+        schedule = Schedule(replace(make_profile(), actuators=()))
+        assert schedule.frames_to_rest == 1
+        schedule.stop()
+        assert schedule.frames_due(0).counts == ((),)
+        assert schedule.state == "ended"
+
     @pytest.mark.parametrize(("value", "count"), [(1e300, 5000), (-1e300, -5000), (5.1, 5000)])
     def test_clamp(self, value, count):
         schedule = started([value] * 9)
@@ -263,6 +357,12 @@ class TestLimits:
             {"step": 1e-300},
             {"step": 20.0, "minimum": 1.0, "rest": 1.0},
             {"minimum": -1.7e308, "maximum": 1.7e308, "step": 1e300},
+            {"minimum": -1.7e308, "maximum": 1.7e308, "step": 1e300, "slew": 1e306},
+            {"minimum": 0.0, "maximum": 0.0, "step": -0.001, "slew": -1e6},
+            {"rest": 5.0004},
+            {"rest": -5.0004},
+            {"maximum": 2.0**53 + 2, "step": 1.0},
+            {"minimum": -(2.0**53) - 2, "step": 1.0},
         ],
     )
     def test_no_limits_no_play(self, change):
@@ -270,9 +370,33 @@ class TestLimits:
             Schedule(make_profile(make_actuator(**change)))
         assert error.value.requirement == "PLY-001"
 
+    @pytest.mark.parametrize("rest", [-5.0, 5.0])
+    def test_rest_at_a_limit(self, rest):
+        schedule = started(np.zeros(9), make_profile(make_actuator(rest=rest)))
+        assert sent(schedule, 6)[3:] == [0, 0, 0]
+        schedule.stop()
+        assert sent(schedule)[-1] == 1000 * rest
+
+    def test_limits_as_wide_as_can_be(self):
+        """Counts up to 2^53 of either sign are exact as float64."""
+        wide = make_actuator(minimum=-(2.0**53), maximum=2.0**53, step=1.0, slew=2.0**70)
+        schedule = started([2.0**53] * 5 + [-(2.0**53)] * 5, make_profile(wide))
+        found = sent(schedule, 10)
+        assert (found[4], found[9]) == (2**53, -(2**53))
+
     @pytest.mark.parametrize(
         "timing",
-        [{"rate": Fraction(0)}, {"hold_s": nan}, {"hold_s": inf}, {"ramp_s": inf}, {"ramp_s": nan}],
+        [
+            {"rate": Fraction(0)},
+            {"rate": Fraction(-1000)},
+            {"frame_samples": 0},
+            {"hold_s": 0.0},
+            {"hold_s": nan},
+            {"hold_s": inf},
+            {"ramp_s": -0.001},
+            {"ramp_s": inf},
+            {"ramp_s": nan},
+        ],
     )
     def test_no_times_no_play(self, timing):
         with pytest.raises(ParameterError, match="rate, frame, hold or ramp") as error:
@@ -333,6 +457,23 @@ class TestLossOfSignal:
             sent(schedule, 14)
         assert (schedule.state, schedule.counts.gap_samples) == ("ended", 0)
 
+    def test_every_gap_counts_once(self):
+        """With its last sample, however short what follows is."""
+        known = np.array([[c == "x"] for c in "xxxx......xxxxxx.....x"])
+        schedule = Schedule(make_profile())
+        schedule.feed(make_block(0, np.ones(22), known, last=True))
+        sent(schedule)
+        assert schedule.counts.gap_samples == 11
+
+    @given(st.lists(st.booleans(), max_size=40))
+    def test_any_gaps(self, known):
+        """All that is not known after the first that is, if the signal comes back after it."""
+        known = [*known, *[True] * 8]
+        schedule = Schedule(make_profile())
+        schedule.feed(make_block(0, np.ones(len(known)), np.array(known)[:, None]))
+        sent(schedule, len(known))
+        assert schedule.counts.gap_samples == known[known.index(True) :].count(False)
+
     @pytest.mark.parametrize("value", [nan, inf, -inf])
     def test_not_finite(self, value):
         schedule = started([1] * 4 + [value] * 2 + [1] * 6)
@@ -360,11 +501,79 @@ class TestLossOfSignal:
         counts = schedule.counts
         assert (counts.under_runs, counts.under_run_samples, counts.gap_samples) == (1, 2, 0)
 
+    def test_every_wait_for_blocks_counts_once(self):
+        schedule = started(np.ones(4))
+        sent(schedule, 6)
+        schedule.feed(make_block(6, np.ones(4)))
+        sent(schedule, 7)
+        assert (schedule.counts.under_runs, schedule.counts.under_run_samples) == (2, 5)
+
+    def test_a_first_frame_that_waits_counts_too(self):
+        """That of a replay, and that after a seek."""
+        schedule = Schedule(make_profile(frame_samples=3))
+        for generation in (0, 1):
+            schedule.seek(generation, 0)
+            schedule.feed(make_block(0, np.ones(2), generation=generation))
+            sent(schedule, 15)
+            assert schedule.counts.under_runs == generation + 1
+
+    def test_a_last_block_that_brings_nothing(self):
+        """It ends the recording after what came before it."""
+        schedule = started(np.ones(6))
+        schedule.feed(make_block(2, [9, 9], last=True))
+        assert sent(schedule) == [146, 500, 854, 1000, 1000, 1000, 854, 500, 146, 0]
+
+    def test_blocks_are_kept_until_they_are_played(self):
+        schedule = started(np.ones(4))
+        block = make_block(4, np.ones(4))
+        kept = weakref.ref(block.values)
+        schedule.feed(block)
+        schedule.feed(make_block(8, np.ones(4)))
+        del block
+        sent(schedule, 8)
+        assert kept() is not None  # the last frame may come back
+        sent(schedule, 1)
+        assert kept() is None
+
+    def test_blocks_after_a_stop_are_not_kept(self):
+        schedule = started(np.ones(4))
+        schedule.stop()
+        block = make_block(4, np.ones(4))
+        kept = weakref.ref(block.values)
+        schedule.feed(block)
+        del block
+        assert kept() is None
+
+    def test_the_samples_that_a_frame_needs(self):
+        schedule = Schedule(make_profile(frame_samples=3))
+        assert schedule.needs_blocks
+        schedule.feed(make_block(0, np.ones(2)))
+        assert schedule.needs_blocks
+        schedule.feed(make_block(2, np.ones(1)))
+        assert not schedule.needs_blocks
+        schedule.frames_due(0)
+        assert schedule.needs_blocks
+        schedule.feed(make_block(3, np.ones(1), last=True))
+        assert not schedule.needs_blocks
+
     def test_a_hole_between_blocks_is_a_gap(self):
         schedule = started(np.ones(4))
         schedule.feed(make_block(9, np.ones(9)))
         assert sent(schedule, 11) == [146, 500, 854, 1000, 854, 500, 146, 0, 0, 146, 500]
         assert (schedule.counts.under_runs, schedule.counts.gap_samples) == (0, 5)
+
+    def test_a_short_block_beyond_a_hole(self):
+        schedule = started(np.ones(4))
+        schedule.feed(make_block(9, np.ones(2)))
+        found = [len(schedule.frames_due(n * MS).counts) for n in range(12)]
+        assert found == [1] * 12
+
+    def test_nothing_follows_the_last_block(self):
+        schedule = Schedule(make_profile(frame_samples=3))
+        schedule.feed(make_block(0, np.ones(5), last=True))
+        schedule.feed(make_block(5, np.ones(9), last=True))
+        assert sent(schedule) == [146, 500, 854, 1000, 1000, 854, 500, 146, 0, 0, 0, 0]
+        assert schedule.played == 6
 
     def test_blocks_that_overlap(self):
         schedule = started([1, 1, 1, 1, 1])
@@ -399,6 +608,9 @@ class TestLossOfSignal:
         block = make_block(0, np.ones(3))
         with pytest.raises(ParameterError, match="samples, 1"):
             Schedule(make_profile()).feed(block._replace(known=np.ones((2, 1), bool)))
+        for values in (np.ones((3, 2)), np.ones(3)):
+            with pytest.raises(ParameterError, match="samples, 1"):
+                Schedule(make_profile()).feed(block._replace(values=values))
 
 
 class TestTime:
@@ -407,6 +619,8 @@ class TestTime:
     def test_never_early_never_twice(self):
         schedule = started(np.ones(9))
         assert schedule.frames_due(-1) is None
+        assert schedule.frames_due(-(10**12)) is None
+        assert schedule.outcome is None
         assert schedule.frames_due(0) == (0, 0, ((146,),))
         assert schedule.frames_due(0) is None
         assert schedule.frames_due(MS - 1) is None
@@ -432,6 +646,11 @@ class TestTime:
             assert schedule.next_ns == due_ns
             assert schedule.frames_due(due_ns - 1) is None
             assert schedule.frames_due(due_ns)[:2] == (number, due_ns)
+
+    def test_periods_of_seconds(self):
+        schedule = Schedule(make_profile(make_actuator(slew=1), rate=Fraction(1, 2), hold_s=3.0))
+        schedule.frames_due(0)
+        assert schedule.next_ns == 2 * 10**9
 
     def test_a_clock_that_goes_back_a_little(self):
         schedule = started(np.ones(50))
@@ -460,6 +679,36 @@ class TestLate:
         sent(schedule, 5)
         assert schedule.frames_due(25 * MS).counts == ((1000,),)
         assert schedule.outcome is None
+
+    @pytest.mark.parametrize("hold_s", [0.02, 10.0])
+    def test_to_the_nanosecond(self, hold_s):
+        for more, outcome in ((0, None), (1, "late")):
+            schedule = started(np.ones(50), make_profile(hold_s=hold_s))
+            schedule.frames_due(MS)
+            schedule.frames_due(2 * MS + round(hold_s * 1000) * MS + more)
+            assert schedule.outcome == outcome
+
+    def test_a_clock_that_goes_back_by_the_hold_time(self):
+        schedule = started(np.ones(50))
+        schedule.frames_due(0)
+        assert schedule.frames_due(-20 * MS) is None
+        assert schedule.outcome is None
+        assert schedule.frames_due(-20 * MS - 1) is None
+        assert schedule.outcome == "late"
+        assert schedule.next_ns == -19 * MS - 1
+
+    def test_a_clock_that_goes_back_again(self):
+        """A little does not count; as far as the first time does."""
+        schedule = started(np.ones(5000), make_profile(ramp_s=0.008))
+        sent(schedule, 1000)
+        schedule.frames_due(500 * MS)
+        assert schedule.next_ns == 501 * MS
+        assert len(sent(schedule, 2)) == 2
+        schedule.frames_due(490 * MS)
+        assert schedule.next_ns == 503 * MS
+        schedule.frames_due(100 * MS)
+        assert schedule.next_ns == 101 * MS
+        assert len(sent(schedule)) == 6
 
     def test_a_clock_that_goes_back(self):
         """Waiting until it has come as far again would hold the force for so long."""
@@ -492,6 +741,7 @@ class TestEnds:
         schedule.seek(1, 0)
         schedule.feed(make_block(0, np.ones(9), generation=1))
         assert sent(schedule) == [854, 500, 146, 0]
+        assert schedule.played == 5
         assert schedule.frames_due(10**12) is None
         schedule.stop("device-lost")
         assert schedule.outcome == "interrupted"
@@ -501,6 +751,20 @@ class TestEnds:
         schedule.pause()
         schedule.stop()
         assert sent(schedule) == [0]
+
+    def test_of_a_signal_at_rest(self):
+        schedule = started(np.zeros(50))
+        sent(schedule, 5)
+        schedule.stop()
+        assert sent(schedule) == [0, 0, 0, 0]
+
+    def test_a_recording_ends_with_its_last_sample(self):
+        schedule = Schedule(make_profile())
+        schedule.feed(make_block(0, np.ones(6), last=True))
+        sent(schedule, 6)
+        assert (schedule.state, schedule.outcome) == ("playing", None)
+        sent(schedule, 1)
+        assert (schedule.state, schedule.outcome, schedule.played) == ("stopping", "clean", 6)
 
     def test_frames_that_were_not_taken(self):
         """All is as before them; the last of a ramp is not the end then."""

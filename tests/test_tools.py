@@ -1,15 +1,18 @@
-"""tools/installed.py: tools measure the installed hapfmt, or stop and say why."""
+"""tools/: programs measure the installed hapfmt, or stop and say why; quick ones run."""
 
 from __future__ import annotations
 
 import ast
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 from spec import ROOT
 
@@ -116,3 +119,59 @@ def test_every_tool_chooses_its_hapfmt_first(path):
         name for _, name in sorted(names) if name.partition(".")[0] not in sys.stdlib_module_names
     )
     assert first == "installed"
+
+
+def test_the_page_lists_every_program():
+    page = (ROOT / "docs" / "measuring.md").read_text("utf-8")
+    programs = {
+        path.name for path in (ROOT / "tools").glob("*.py") if "__main__" in path.read_text("utf-8")
+    }
+    assert set(re.findall(r"`tools/(\w+\.py|report)\b", page)) == programs | {"report"}
+
+
+@pytest.mark.parametrize(
+    ("words", "printed"),
+    [
+        (["scenes.py", "--keys"], "| `travel_s` |"),
+        (["load.py", "--seconds", "1", "--channels", "2"], "lossless"),
+        (["throughput.py", "--quick"], "exact values, recall, readable"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_runs(words, printed):
+    """Each program that has an option for a few seconds of work."""
+    if words[0] == "throughput.py":
+        pytest.importorskip("soundfile")
+    done = run(str(ROOT / "tools" / words[0]), *words[1:], cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert printed in done.stdout
+
+
+def test_presets_run(tmp_path):
+    time = np.arange(200) / 1000
+    hapfmt.save(np.sin(40 * time), tmp_path / "sine.npz", rate=1000, labels=["fx"], units="N")
+    done = run(str(ROOT / "tools" / "presets.py"), str(tmp_path), cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert all(
+        f"| {preset} |" in re.sub(" +", " ", done.stdout) for preset in ("lossless", "paper")
+    )
+
+
+def test_fuzzing_names_its_package():
+    if find_spec("atheris") is not None:
+        pytest.skip("atheris is installed")
+    done = run(str(ROOT / "tools" / "fuzz.py"), "header", cwd=ROOT)
+    assert done.returncode == 1
+    assert done.stderr.splitlines() == ["fuzzing needs atheris: python -m pip install -e '.[fuzz]'"]
+
+
+@pytest.mark.compiled
+def test_the_way_of_a_sample_grows_no_longer():
+    """tools/trace.py counts the functions and files between .npz and .hapf, there and back."""
+    done = run("tools/trace.py", cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    found = re.findall(r"(there|back): ([0-9]+) functions in ([0-9]+) files", done.stdout)
+    longest = {"there": (265, 34), "back": (210, 28)}
+    assert [way for way, *_ in found] == list(longest)
+    for way, functions, files in found:
+        assert (int(functions), int(files)) <= longest[way] and int(files) <= longest[way][1]

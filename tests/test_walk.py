@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from judge import rule, samples
 from page import BrokenRule, varint
+from stalls import slowness
 
 from hapfmt.errors import LimitError
 from hapfmt.format.source import BytesSource
@@ -251,11 +252,11 @@ def test_nested_headers_are_bounded():
     REC-005: A reader MUST bound its work on nested headers. It may stop and report *unsupported* once it took checksums of more than 16 times the size of the file plus 64 MiB.
     """
     data = nested(8000)
-    began = time.perf_counter()
+    began = time.process_time()
     with pytest.raises(LimitError) as error:
         fast_walk(data)
     assert error.value.requirement == "REC-005"
-    assert time.perf_counter() - began < 5
+    assert time.process_time() - began < 5 * slowness()
     assert rule(data) == ("unsupported", "REC-005")
 
 

@@ -20,6 +20,7 @@ import sys
 import time
 import warnings
 from importlib import import_module
+from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -198,6 +199,9 @@ def main() -> int:
     parser.add_argument("--pure", action="store_true")
     parser.add_argument("--keep", action="store_true")
     asked = parser.parse_args()
+    if not asked.keep and find_spec("atheris") is None:
+        print("fuzzing needs atheris: python -m pip install -e '.[fuzz]'", file=sys.stderr)
+        return 1
     from fuzzing import TARGETS
 
     broken = 0

@@ -1,10 +1,13 @@
 """Speed of each codec alone, compared with FLAC in the same run; and start-up times.
 
-python tools/throughput.py      whole files: tools/bench.py
+python tools/throughput.py [--quick]      whole files: tools/bench.py
+
+--quick: few samples and one start of each program, to see that it runs.
 """
 
 from __future__ import annotations
 
+import argparse
 import statistics
 import subprocess
 import sys
@@ -37,8 +40,11 @@ from hapfmt.limits import LEVELS
 LEVEL = LEVELS[2]
 RANGE = -(2**31), 2**31 - 1
 SAMPLES = 480_000
+DOUBLES = 1 << 16
 TWIN_SAMPLES = 20_000
 """Samples for the loops that take microseconds a sample."""
+QUICK = 64
+"""--quick: a share of the samples."""
 
 
 def codecs(counts: np.ndarray, rate: float) -> list[list[object]]:
@@ -76,11 +82,11 @@ def codecs(counts: np.ndarray, rate: float) -> list[list[object]]:
     return rows
 
 
-def predictions(counts: np.ndarray) -> list[list[object]]:
+def predictions(counts: np.ndarray, twin_samples: int) -> list[list[object]]:
     """LPCR, lossless: the compiled loops, where they are built, and their readable twins."""
     rows = []
     built = predicted.compiled
-    for name, kernel, n in (("compiled", built, len(counts)), ("readable", None, TWIN_SAMPLES)):
+    for name, kernel, n in (("compiled", built, len(counts)), ("readable", None, twin_samples)):
         if name == "compiled" and not built:
             continue
         predicted.compiled = predict.compiled = kernel
@@ -96,11 +102,11 @@ def predictions(counts: np.ndarray) -> list[list[object]]:
     return rows
 
 
-def doubles() -> list[list[object]]:
+def doubles(samples: int, twin_samples: int) -> list[list[object]]:
     """LPCX: the exact values of noise in addition to its counts, both loops as above."""
     rows = []
     built = exact.compiled
-    for name, kernel, n in (("compiled", built, 1 << 16), ("readable", None, TWIN_SAMPLES)):
+    for name, kernel, n in (("compiled", built, samples), ("readable", None, twin_samples)):
         if name == "compiled" and not built:
             continue
         exact.compiled = kernel
@@ -135,8 +141,8 @@ def speed(samples: int, work: object, repeats: int = 5) -> str:
     return f"{rate:.1f}" if rate >= 1 else f"{rate:.3f}"
 
 
-def starts(path: str) -> list[list[object]]:
-    """Wall time of whole processes, median of seven."""
+def starts(path: str, repeats: int) -> list[list[object]]:
+    """Wall time of whole processes, as the median of the repeats."""
     commands = {
         "python -c pass": ["-c", "pass"],
         "import numpy": ["-c", "import numpy"],
@@ -148,7 +154,7 @@ def starts(path: str) -> list[list[object]]:
     rows = []
     for name, arguments in commands.items():
         times = []
-        for _ in range(7):
+        for _ in range(repeats):
             began = time.perf_counter()
             subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
             times.append(time.perf_counter() - began)
@@ -157,17 +163,24 @@ def starts(path: str) -> list[list[object]]:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true")
+    share = QUICK if parser.parse_args().quick else 1
+    samples, twin_samples = SAMPLES // share, TWIN_SAMPLES // share
     print_origin()
-    recording = simulate("sand", SAMPLES / 8000, 1, 8000)
+    recording = simulate("sand", samples / 8000, 1, 8000)
     counts = recording.channels[0].stored.astype(np.int64)[:, None]
-    print(f"one channel, {SAMPLES} samples of a simulated texture at 8 kHz; million samples a "
+    print(f"one channel, {samples} samples of a simulated texture at 8 kHz; million samples a "
           "second of CPU time\n")  # fmt: skip
-    rows = [*codecs(counts, 8000.0), *predictions(counts), *doubles(), flac(counts, 8000)]
+    rows = [*codecs(counts, 8000.0), *predictions(counts, twin_samples),
+            *doubles(DOUBLES // share, twin_samples), flac(counts, 8000)]  # fmt: skip
     print_table(["codec", "b/sample", "encode Ms/s", "decode Ms/s"], rows)
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "one.hapf")
         hapfmt.write(recording, path)
-        print_table(["start", "ms"], starts(path))
+        print_table(["start", "ms"], starts(path, 7 if share == 1 else 1))
 
 
 if __name__ == "__main__":

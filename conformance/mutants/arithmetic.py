@@ -86,14 +86,14 @@ MUTANTS = (
         "same-text-ignored",
         "The byte 255 of a string list is an empty text.",
         "TLV-004",
-        Edit("format.tlv:parse_strings", "items.append(items[-1])", 'items.append("")'),
+        Edit("format.wire:parse_strings", "items.append(items[-1])", 'items.append("")'),
     ),
     mutant(
         "one-entry-for-one",
         "A string list of one entry speaks for the first component alone.",
         "TLV-004",
         Edit(
-            "format.tlv:parse_strings",
+            "format.wire:parse_strings",
             "return spread(items, count, offset)",
             'return tuple((items + [""] * count)[:count])',
         ),
@@ -102,14 +102,14 @@ MUTANTS = (
         "text-unchecked",
         "Bytes that are no UTF-8 are replaced, not refused.",
         "CNV-004",
-        Edit("format.tlv:parse_text", 'raw.decode("utf-8")', 'raw.decode("utf-8", "replace")'),
+        Edit("format.wire:parse_text", 'raw.decode("utf-8")', 'raw.decode("utf-8", "replace")'),
     ),
     mutant(
         "no-unit-is-empty",
         "A channel without a unit has the unit '' instead of '1'.",
         "TLV-004",
         Edit(
-            "format.description:parse_components",
+            "format.track:parse_components",
             "named = {name",
             'named = {"unit": ""} | {name',
         ),
@@ -119,9 +119,9 @@ MUTANTS = (
         "D of a calibration is read as an svarint.",
         "VAL-001 VAL-003",
         Edit(
-            "format.lists:parse_calibration",
-            "cursor.svarint(), cursor.varint())",
-            "cursor.svarint(), abs(cursor.svarint()))",
+            "format.track:parse_calibrations",
+            "d, position = parse_varint(value, position, offset)",
+            "d, position = parse_svarint(value, position, offset); d = abs(d)",
         ),
     ),
     mutant(

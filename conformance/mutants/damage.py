@@ -49,6 +49,26 @@ MUTANTS = (
         ),
     ),
     mutant(
+        "exact-values-broken-cost-counts",
+        "A packet whose exact values break a rule is not delivered.",
+        "EXA-006",
+        Edit(
+            "reading.reader:Reader.pieces",
+            "if isinstance(piece, DecodedPiece):",
+            "if isinstance(piece, DecodedPiece) and fault is None:",
+        ),
+    ),
+    mutant(
+        "taken-channel-kept",
+        "In a damaged file two tracks may have the same channel number.",
+        "TRK-010",
+        Edit(
+            "format.track:TrackTable.stranger",
+            "return None if numbers.isdisjoint(track.channels) else taken(track)",
+            "return None",
+        ),
+    ),
+    mutant(
         "file-id-ignored",
         "Headers with the file id of another file are taken for chunks of this one.",
         "CHK-004 REC-002",
@@ -70,7 +90,7 @@ MUTANTS = (
         "DAT-004",
         Edit(
             "format.wire:cluster_seed",
-            'zlib.crc32(sequence.to_bytes(8, "little"), seed_of(file_id))',
+            'crc32(sequence.to_bytes(8, "little"), seed_of(file_id))',
             "seed_of(file_id)",
         ),
     ),
@@ -357,7 +377,7 @@ MUTANTS = (
         "index-number-unchecked",
         "The number of the first chunk that an index lists is not compared.",
         "IDX-002",
-        Edit("format.index:check_listing", "if index.first_sequence != start:", "if False:"),
+        Edit("format.extras:check_listing", "if index.first_sequence != start:", "if False:"),
         role="verifier",
     ),
     mutant(

@@ -7,8 +7,8 @@ from .mutant import Edit, mutant
 
 LEARN = "reading.catalogue:Catalogue.learn"
 HEAD = "format.wire:parse_head"
-SUM = "reading.channels:add_residual"
-PART = "reading.channels:Assembly.of_part"
+SUM = "reading.decoder:add_residual"
+PART = "reading.decoder:Assembly.of_part"
 DECODE = "reading.decoder:TrackDecoder.decode"
 NO_RANGE = (
     "__import__('dataclasses').replace(self.track, count_min=-(1 << 31), count_max=(1 << 31) - 1)"
@@ -40,7 +40,7 @@ MUTANTS = (
         "sum-not-clamped",
         "The sum of LF and HF is not clamped.",
         "DEC-001",
-        Edit("reading.channels:sum_of", "np.clip(both, lf.count_min, lf.count_max)", "both"),
+        Edit("reading.decoder:sum_of", "np.clip(both, lf.count_min, lf.count_max)", "both"),
     ),
     mutant(
         "sum-clamped-to-hf",
@@ -89,7 +89,7 @@ MUTANTS = (
             "part.residual else self.tracks[part.track.id]",
         ),
         Edit(
-            "reading.channels:wanted_tracks",
+            "reading.decoder:wanted_tracks",
             'if band != "hf":',
             'if band != "hf" or part.residual is None:',
         ),
@@ -99,7 +99,7 @@ MUTANTS = (
         "Gaps are filled with zeros.",
         "DEC-004",
         Edit(
-            "reading.channels:Decoded.add",
+            "reading.decoder:Decoded.add",
             "append_span(self.spans, Span(start, start + len(numbers)))",
             "if self.spans and self.spans[-1].stop < start:\n"
             "        zeros = np.zeros((start - self.spans[-1].stop, *numbers.shape[1:]))\n"
@@ -112,14 +112,14 @@ MUTANTS = (
         "continued-alone",
         "Of tracks that continue one another the first alone is delivered.",
         "TRK-018",
-        Edit("reading.channels:join", "if len(parts) == 1:", "if True:"),
+        Edit("reading.decoder:join", "if len(parts) == 1:", "if True:"),
     ),
     mutant(
         "range-of-the-first",
         "Every track of a chunk has the range of the first.",
         "TRK-005 DEC-001",
         Edit(
-            "format.description:parse_description",
+            "format.track:parse_description",
             "return list(parse_tracks(plain, first_id, level, base, offset))",
             "tracks = list(parse_tracks(plain, first_id, level, base, offset))\n"
             "        low, high = tracks[0].count_min, tracks[0].count_max\n"
@@ -132,7 +132,7 @@ MUTANTS = (
         "All tracks of a chunk have the id of its header.",
         "TRK-003 TRK-010",
         Edit(
-            "format.description:parse_tracks",
+            "format.track:parse_tracks",
             "id_, (raw, tlvs, start) in enumerate(parse_records(plain, base), first_id)",
             "id_, (raw, tlvs, start) in ((first_id, row) for row in parse_records(plain, base))",
         ),
@@ -142,7 +142,7 @@ MUTANTS = (
         "A DEFLATE stream of tracks may give more bytes than the chunk says.",
         "TRK-020",
         Edit(
-            "format.description:unpack",
+            "format.track:unpack",
             'inflate(payload[start:], size, "TRK-020", offset + start)',
             "__import__('zlib').decompressobj(-15).decompress(payload[start:])",
         ),
@@ -152,7 +152,7 @@ MUTANTS = (
         "What follows the last track is skipped.",
         "TLV-001",
         Edit(
-            "format.description:parse_records",
+            "format.track:parse_records",
             "while position < len(plain) or not components:",
             "while position + 28 <= len(plain) or not components:",
         ),
@@ -206,7 +206,7 @@ MUTANTS = (
         "An unknown critical TLV is skipped.",
         "TLV-003",
         Edit(
-            "format.description:find_unsupported",
+            "format.track:find_unsupported",
             "if type_ % 2 and type_ not in KNOWN",
             "if False",
         ),
@@ -217,7 +217,7 @@ MUTANTS = (
         "An unknown ancillary TLV makes a track unsupported.",
         "TLV-003",
         Edit(
-            "format.description:find_unsupported",
+            "format.track:find_unsupported",
             "if type_ % 2 and type_ not in KNOWN",
             "if type_ > 22",
         ),
@@ -244,15 +244,15 @@ MUTANTS = (
         "VER-001",
         Edit(
             HEAD,
-            "if raw.incompat & ~KNOWN_INCOMPAT:",
-            "if (raw.incompat | raw.compat) & ~KNOWN_INCOMPAT:",
+            "raw.incompat & ~KNOWN_INCOMPAT:",
+            "(raw.incompat | raw.compat) & ~KNOWN_INCOMPAT:",
         ),
     ),
     mutant(
         "incompat-ignored",
         "Unknown bits in incompat are ignored.",
         "VER-001",
-        Edit(HEAD, "if raw.incompat & ~KNOWN_INCOMPAT:", "if False:"),
+        Edit(HEAD, "raw.incompat & ~KNOWN_INCOMPAT:", "False:"),
     ),
     mutant(
         "metadata-first-wins",
@@ -270,8 +270,8 @@ MUTANTS = (
         "CLK-006",
         Edit(
             "hapfmt_adapter.decode:decoded",
-            "tracks, layers = decode_tracks(reader)",
-            "tracks, layers = decode_tracks(reader)\n"
+            "tracks, layers, broken = decode_tracks(reader)",
+            "tracks, layers, broken = decode_tracks(reader)\n"
             "    for found in catalogue.clock_maps:\n"
             "        spans = tracks[found.track].spans if found.track in tracks else []\n"
             "        spans[:] = [Span(*map(found.time_ns, (s.start, s.stop))) for s in spans]",

@@ -139,7 +139,7 @@ MUTANTS = (
         "The footer rounds the duration down.",
         "FOT-002",
         Edit(
-            "format.index:ceil_ns",
+            "format.extras:ceil_ns",
             "-(-seconds.numerator * 10**9 // seconds.denominator)",
             "seconds.numerator * 10**9 // seconds.denominator",
         ),

@@ -208,7 +208,7 @@ def explained(error: click.ClickException) -> click.ClickException:
 
 
 def usage(error: click.ClickException) -> int:
-    """An error of whoever typed the command."""
+    """An error in the command line."""
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
         screen.document(error.format_message() + "\n")
         return ERROR

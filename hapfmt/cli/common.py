@@ -79,7 +79,7 @@ memory_option = click.option(
     help="Most memory for the contents of a file, such as 256M. A file that needs more is refused "
     "with exit code 4. [no limit for .hapf; 4G for other formats; 1G for gaps in an output]",
 )
-"""Gives the verb ``max_memory``, the Limits for whatever it reads."""
+"""Gives the verb ``max_memory``, the Limits for everything that it reads."""
 input_format_option = click.option(
     "--input-format",
     metavar="FORMAT",
@@ -149,7 +149,7 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def output_option(metavar: str, text: str) -> Callable[[Any], Any]:
-    """Where output goes, in every verb that does not name it by its place."""
+    """The option -o, in every verb without an argument for its output."""
     return click.option("-o", "--output", metavar=metavar, help=text)
 
 
@@ -292,7 +292,7 @@ stop_option = click.option(
 
 
 def refuse_span(start: Fraction | None, stop: Fraction | None) -> None:
-    """An empty time range is a mistake of whoever typed it."""
+    """Refuses an empty time range, which is a mistake on the command line."""
     if stop is not None and (start or 0) >= stop:
         began = 0 if start is None else float(start)
         raise click.BadParameter(
@@ -331,7 +331,7 @@ def output_of(name: str, *, text: bool = False) -> str | BinaryIO:
 
 
 def refuse_target(name: str, force: bool) -> None:
-    """Before any work: whether a .hapf file may be written there."""
+    """Refuses a target where no .hapf file may be written, before any work."""
     from ..convert import refuse_foreign
 
     if name == "-":
@@ -355,7 +355,7 @@ def suffix_of(name: str, format_: str | None, default: str | None = None) -> str
 def refuse_transpose(
     transpose: bool | None, inputs: Sequence[str | None], format_: str | None
 ) -> None:
-    """Without an array among the inputs, --transpose is a mistake of whoever typed it."""
+    """Refuses --transpose without an array among the inputs."""
     if transpose is None or any(name and suffix_of(name, format_) in ARRAYS for name in inputs):
         return
     raise ParameterError("--transpose requires .npy or .npz input")
@@ -396,7 +396,7 @@ def load_recording(
 
 
 def described(recording: Recording, labels: str | None, unit: str | None) -> Recording:
-    """The recording with other labels and units, where they are given."""
+    """The recording with the given labels and units."""
     if labels is None and unit is None:
         return recording
     count = len(recording)
@@ -431,13 +431,13 @@ def save_recording(
 
 
 def tell_written(target: str, words: str) -> None:
-    """On a terminal, that the work is done; a pipe or a program gets nothing."""
+    """Reports on a terminal that the work is done; a pipe or a program gets nothing."""
     if target != "-" and width_of() is not None:
         say(f"{target}: {words}, {Path(target).stat().st_size} bytes")
 
 
 def contents(recording: Recording) -> str:
-    """A recording in a few words."""
+    """Summary of a recording: channels and length."""
     stop = float(recording.duration)
     begun = [c.start_tick / c.rate_exact for c in recording.channels if c.stored.size]
     start = float(min(begun, default=0))
@@ -446,7 +446,7 @@ def contents(recording: Recording) -> str:
 
 
 def tell_clocks(reader: Reader) -> None:
-    """What a recording does not hold."""
+    """Notes on contents of the file that a recording cannot hold."""
     if reader.clocks or reader.clock_maps:
         note("observations of other clocks are not carried over")
 
@@ -477,7 +477,7 @@ def notes_of(recording: Recording) -> list[str]:
 
 
 def tell_notes(recording: Recording) -> None:
-    """What reading the input changed, and its gaps."""
+    """Notes on changes while reading the input, and on its gaps."""
     for each in notes_of(recording):
         note(each)
     missing = [sum(gap.ticks for gap in channel.gaps) for channel in recording.channels]
@@ -552,7 +552,7 @@ def line(edited: Edited) -> str:
 
 
 def offsets_of(pairs: tuple[str, ...], files: tuple[str, ...]) -> dict[int, Any]:
-    """FILE=SECONDS by the place of the file."""
+    """Offsets in seconds by the place of their file, from texts FILE=SECONDS."""
     found: dict[int, Any] = {}
     for pair in pairs:
         name, equals, text = pair.rpartition("=")

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ..limits import Limits
 
 DIFFERENT = 3
-"""As ``verify --against`` says that a promise does not hold (SPEC clause 13)."""
+"""Exit code for differences, as in ``verify --against`` (SPEC clause 13)."""
 
 
 @click.command(cls=Verb)

@@ -30,7 +30,7 @@ PRESETS: dict[str, tuple[str, dict[str, Any], str]] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """One setting: the file, and how far what comes back is from the original (in newtons)."""
+    """One setting: the file, and the errors of its decoded force in newtons."""
 
     name: str
     kept: str

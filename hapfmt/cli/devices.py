@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..replay.profile.model import Profile
 
 RULES_FILE = "/etc/udev/rules.d/70-hapfmt.rules"
-"""Before 73-seat-late.rules, which gives what is tagged uaccess to who sits there."""
+"""Before 73-seat-late.rules, which gives devices tagged uaccess to the user at the seat."""
 
 
 @click.command(cls=Verb)

@@ -32,7 +32,7 @@ def dump(file: str, counts: bool, max_memory: Limits) -> int:
     try:
         before = "[\n"
         for entry in dump_chunks(source, counts=counts, limits=max_memory):
-            # Nothing is printed before the file was opened: an error leaves no half of a JSON.
+            # Open the file before printing, so that an error leaves no incomplete JSON.
             text = json.dumps(entry, sort_keys=True, separators=(",", ":"), allow_nan=False)
             raw((before + text).replace("\x7f", "\\u007f"))
             before = ",\n"

@@ -58,7 +58,7 @@ def follow_file(file: str, interval: float, as_json: bool) -> int:
 
 
 def describe_growth(follower: Follower, rate: float | None) -> dict[str, Any]:
-    """What --json prints; the rate in bytes a second since the line before."""
+    """The object of --json; the rate is in bytes a second since the previous line."""
     return {
         "duration_s": float(follower.duration),
         "cluster_count": follower.cluster_count,
@@ -164,7 +164,7 @@ def with_its_events(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any
 
 
 def describe(catalogue: Catalogue) -> dict[str, Any]:
-    """Everything that info tells, for JSON."""
+    """All facts of info, for JSON."""
     head = catalogue.head
     return {
         "file_size": catalogue.source.size,
@@ -332,7 +332,7 @@ def span_text(catalogue: Catalogue) -> str:
 
 
 def date_text(epoch_ns: int) -> str:
-    """Nothing where the calendar of Python ends."""
+    """Date and time; empty beyond the calendar of Python."""
     from datetime import UTC, datetime, timedelta
 
     try:
@@ -343,7 +343,7 @@ def date_text(epoch_ns: int) -> str:
 
 
 def metadata_texts(key: str, value: Any) -> list[str]:
-    """Lines for a person: a note each, and the beginning of what is long and nested."""
+    """Lines for a person: one for each note; long nested values are shortened."""
     if isinstance(value, str):
         return [f"{key}: {value}"]
     if key == "notes" and isinstance(value, list) and all(isinstance(x, str) for x in value):

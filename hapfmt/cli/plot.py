@@ -144,7 +144,7 @@ def draw(
     stop: Fraction | None,
     details: bool,
 ) -> list[Any]:
-    """Pages."""
+    """The drawn pages."""
     from ..lab.plotting.pages import ROWS, Words, pages
     from ..lab.views import liveliest, survey, within
 
@@ -181,7 +181,7 @@ def header(
     size = None
     if isinstance(parts, FileParts):
         size = parts.reader.source.size
-        # The ratio is that of the file, so that all its channels have to be there.
+        # The ratio is that of the whole file, so it needs all channels.
         whole = whole and len(views) == len(parts.reader.channels)
     elif Path(name).is_file():
         size = Path(name).stat().st_size

@@ -33,13 +33,13 @@ if TYPE_CHECKING:
 KEYS = {"r": "reference", "p": "this", "a": "again", "b": "back", "q": "quit", "?": "help"}
 WORDS = {"": "help", **{word: word for word in KEYS.values()}, "play": "this", "h": "help"}
 LONGEST = 40
-"""Characters of a line."""
+"""Most characters of a line."""
 BAR = 60
-END, BREAK, ERASE = "\x04", "\x03", "\x7f\b"
+END, ERASE = "\x04", "\x7f\b"
 
 
 def conduct(rating: Rating, subject: str) -> bool:
-    """Until all is answered (True) or the subject stops."""
+    """Asks until all is answered (True) or the subject stops (False)."""
     head = rating.study.head
     with AnswerLines() as lines:
         tell(f"{head.name}: {head.question}" if head.name else head.question)
@@ -116,7 +116,7 @@ def tell_place(rating: Rating) -> None:
 
 
 def tell_keys() -> None:
-    tell("r plays the reference, p this one, a the last once more")
+    tell("r plays the reference, p this one, a the last again")
     tell(f"a number from 0 to {HIGHEST} and Enter rates this one; b goes back by one, q stops")
 
 
@@ -162,7 +162,7 @@ class AnswerLines:
                 self.termios.tcsetattr(self.descriptor, self.termios.TCSADRAIN, self.before)
 
     def ask(self, prompt: str) -> str | None:
-        """A word, or None where no more can come."""
+        """The next word, or None at the end of the input."""
         if self.descriptor is None:
             raw(prompt)
             sys.stdout.flush()
@@ -381,7 +381,7 @@ def tell_prepared(study: Study, prepared: Prepared, as_json: bool) -> int:
 def run_questions(
     study: Study, subject: str, folder: Path | None, answers: Path | None, felt: dict[str, Any]
 ) -> int:
-    """The questions; answers are safe however it ends."""
+    """Asks the questions; answers are on the disk even after an error."""
     from ..lab.study.outputs import SignalError
     from ..lab.study.rating import AnswerFile, Rating, heading, refuse_subject
 
@@ -412,7 +412,7 @@ def run_questions(
 
 
 def choose_output(felt: dict[str, Any]) -> None:
-    """What goes together; before anything is prepared."""
+    """Refuses options of the output that exclude each other, before any work."""
     ways = [name for name in ("device", "sound", "wav") if felt[name] is not None]
     if felt["dry_run"] and ways == ["device"]:
         ways = ["dry_run"]
@@ -453,7 +453,7 @@ def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> StudyOu
 
 
 def mapping_of(felt: dict[str, Any], prepared: Prepared) -> ChannelMap:
-    """As hapfmt replay takes it; a label may have a comma itself."""
+    """The map of channels, as in hapfmt replay; a label may contain a comma."""
     from ..lab.study.outputs import ChannelMap
     from ..reading.reader import Reader
     from .replay import parts

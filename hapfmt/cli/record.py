@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from ..writing.streams import Header
 
 PIECE = 1 << 16
-"""Bytes taken from the stream at once, at most."""
+"""Most bytes taken from the stream at once."""
 
 SHOWN_S = 0.5
-"""Between two lines of status."""
+"""Seconds between two lines of status."""
 
 LOST = 3
 """Exit code: done with loss (SPEC clause 13)."""
@@ -252,7 +252,7 @@ def opened(source: str) -> Iterator[int]:
 
 
 def pieces(descriptor: int, stopping: ExitSignals, line: RecordStatus) -> Iterator[bytes]:
-    """What comes, as it comes, until the end or a signal."""
+    """Pieces of the input as they arrive, until its end or a signal."""
     while not stopping.asked:
         if os.name != "nt":
             ready = select.select([descriptor, stopping.reader], [], [], line.wait_s)[0]

@@ -205,7 +205,7 @@ def replay(
         more = {"profile": profile.name, **played, "record": target, "exit_code": code}
         echo_json({**report.to_json(), **more, "notes": renderer.notes, "findings": findings})
     else:
-        # What a dry run prints on standard output are packets alone.
+        # A dry run prints only packets on standard output.
         tell_report(report, err=dry_run and target is None)
     if failure is not None:
         complain(f"the record of what was sent is lost: {failure}")
@@ -213,7 +213,7 @@ def replay(
 
 
 def parts(given: tuple[str, ...], labels: list[str]) -> list[str]:
-    """A=1,B=2 in parts; a label may have a comma itself."""
+    """The parts of A=1,B=2; a label may contain a comma."""
     return [
         part
         for text in given
@@ -224,7 +224,7 @@ def parts(given: tuple[str, ...], labels: list[str]) -> list[str]:
 
 
 def why(report: ReplayReport, profile: Profile) -> str:
-    """An end that has no more to say for itself."""
+    """The reason of an end without a message of its own."""
     if report.outcome == "late":
         held = 1000 * profile.timing.hold_s
         return f"stopped: a frame was later than the {held:g} ms that the profile allows"
@@ -311,7 +311,7 @@ def rehearsed(
 
 
 class Meter:
-    """A sink that tells how far a dry run has come."""
+    """A sink that shows the progress of a dry run."""
 
     def __init__(self, renderer: Renderer, advance: Callable[[int, int], None]) -> None:
         self.advance = advance
@@ -326,7 +326,7 @@ class Meter:
             self.advance(min(frame.number, self.total), self.total)
 
     def close(self) -> None:
-        """Whoever shows it ends it."""
+        """The caller that opened the meter closes it."""
 
 
 def performed(
@@ -360,7 +360,7 @@ class ReplayStatus(screen.StatusLine):
 
 
 def tell_plan(renderer: Renderer, gain: float) -> None:
-    """Before anything moves: what goes where, within which limits, and what is left out."""
+    """Prints the plan before anything moves: assignments, limits, and unused channels."""
     profile = renderer.profile
     lines = [f"{profile.name}: gain {gain:g}, {float(1 / profile.timing.period):g} frames a second"]
     lines += [f"  {each}" for each in renderer.plan]

@@ -108,7 +108,7 @@ def scene(
 
 
 def refuse_early(target: str, force: bool, preset: str | None) -> str:
-    """The suffix of the target, before any work is done for nothing."""
+    """The format of the target; refuses a wrong target before the simulation."""
     from ..convert import FORMATS
     from ..files import refuse
 

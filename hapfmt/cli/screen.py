@@ -55,12 +55,12 @@ def say(text: str = "", *, err: bool = False, whole: bool = False) -> None:
 
 
 def note(text: str) -> None:
-    """Something that a person should know, on standard error."""
+    """Prints a note on standard error."""
     say(f"note: {text}", err=True)
 
 
 def complain(text: str, more: Sequence[str] = ()) -> None:
-    """Something that is wrong, on standard error; ``more``: the further lines of an error."""
+    """Prints an error on standard error; ``more``: its further lines."""
     say(f"hapfmt: {text}", err=True)
     for line in more:
         say(line, err=True, whole=line.startswith("  hapfmt "))
@@ -115,7 +115,7 @@ def put(text: str, *, err: bool = False) -> None:
 
 
 def reason(error: OSError) -> str:
-    """In words; a stream that was closed from the start is not a bad descriptor."""
+    """The text of an OSError; a stream closed from the start gets a text of its own."""
     if closed and error.errno == errno.EBADF:
         return "a standard stream is closed"
     return error.strerror or str(error)
@@ -123,7 +123,7 @@ def reason(error: OSError) -> str:
 
 def hold_streams() -> None:
     """Give closed standard streams their descriptors back, so that no file that is opened later
-    gets one of them. Whoever reads the input or writes the output then meets an error; messages
+    gets one of them. Reading the input or writing the output then fails; messages
     to a closed standard error are lost."""
     ways = (("stdin", os.O_WRONLY, "r"), ("stdout", os.O_RDONLY, "w"), ("stderr", os.O_WRONLY, "w"))
     for descriptor, (name, flags, mode) in enumerate(ways):
@@ -318,7 +318,7 @@ def needed(shown: Sequence[int], widths: Sequence[int]) -> int:
 def shares(
     shown: Sequence[int], natural: Sequence[int], least: Sequence[int], width: int
 ) -> list[int]:
-    """Widths of the columns: what is left goes to those that miss least."""
+    """Widths of the columns: spare width goes to the columns that lack least."""
     widths = list(least)
     spare = width - needed(shown, widths)
     for c in sorted(shown, key=lambda c: natural[c] - least[c]):

@@ -97,7 +97,7 @@ def subset(
 
 
 def note_of_ends(edited: Edited, start: Fraction | None, stop: Fraction | None) -> str | None:
-    """Where packets reach beyond the times that were asked for."""
+    """A note if packets reach beyond the requested times."""
     if edited.start is None or edited.stop is None:
         return None
     early = start is not None and edited.start < start

@@ -56,13 +56,6 @@ class LinearTerm(NamedTuple):
     weight: float
 
 
-def rule_fits(rule: int, digits: int, terms: int) -> bool:
-    """EXA-002."""
-    least, most = (1, DIGITS_LIMIT) if rule == SIGNIFICANT else (0, 0)
-    fewest, many = (1, TERMS_LIMIT) if rule == LINEAR else (0, 0)
-    return rule <= LINEAR and least <= digits <= most and fewest <= terms <= many
-
-
 def values_of(
     counts: Counts, affine: Affine, rule: int, digits: int, coefficients: Sequence[float] = ()
 ) -> Doubles:
@@ -240,6 +233,10 @@ RANKS = 6
 FRESH, SAME, KNOWN = range(3)
 """A count that was not met before in the packet, that of the sample before, another one."""
 
+WORK = 2
+"""Numbers of 64 bits for each sample, in which the compiled loops remember: a value, a link, and a
+head for each count."""
+
 NO_ROOM = 5
 STATUS = {
     4: ("RNG-001", "the coded bytes do not end with their packet"),
@@ -279,7 +276,10 @@ class ExactParameters:
         if raw.reserved:
             place = offset + LPCX_PARAMETERS.offsets["reserved"]
             raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=place)
-        if not rule_fits(raw.rule, raw.digits, raw.terms):
+        least, most = (1, DIGITS_LIMIT) if raw.rule == SIGNIFICANT else (0, 0)
+        fewest, many = (1, TERMS_LIMIT) if raw.rule == LINEAR else (0, 0)
+        fits = raw.rule <= LINEAR and least <= raw.digits <= most and fewest <= raw.terms <= many
+        if not fits:
             raise FormatError(
                 f"rule {raw.rule} with {raw.digits} digits and {raw.terms} terms",
                 requirement="EXA-002",
@@ -608,21 +608,15 @@ def decode_ranks(coder: Decoder, heading: Heading, ids: NDArray[np.int32]) -> ar
     return ranks
 
 
-def work_of(ids: NDArray[np.int32] | None) -> Counts:
-    """What the compiled loops remember in, 16 bytes a sample: a value, a link, and a head for each
-    count."""
-    return np.zeros(0 if ids is None else 2 * ids.size, np.int64)
-
-
 def encode_compiled(corrections: Counts, ids: NDArray[np.int32] | None, shift: int) -> bytes:
-    """``encode_loop``, in C; what does not fit its buffer is written once more."""
+    """``encode_loop``, in C; what does not fit its buffer is written again."""
     assert compiled is not None
     plain = np.ascontiguousarray(corrections)
     names = np.zeros(0, np.int32) if ids is None else ids
     size, status = 7 * plain.size + 128, NO_ROOM
     while status == NO_ROOM:
-        out = bytearray(size)
-        status, size = compiled.exact_encode(out, names, plain, work_of(ids), shift)
+        out, work = bytearray(size), np.zeros(WORK * names.size, np.int64)
+        status, size = compiled.exact_encode(out, names, plain, work, shift)
     assert not status
     return bytes(out[:size])
 
@@ -632,7 +626,8 @@ def decode_compiled(rest: bytes, ids: NDArray[np.int32] | None, span: int, offse
     assert compiled is not None
     out = np.empty(span, np.int64)
     names = np.zeros(0, np.int32) if ids is None else ids
-    status, taken = compiled.exact_decode(rest, names, out, work_of(ids), rest[1])
+    work = np.zeros(WORK * names.size, np.int64)
+    status, taken = compiled.exact_decode(rest, names, out, work, rest[1])
     if status:
         requirement, message = STATUS[status]
         place = offset + min(taken, len(rest))

@@ -280,7 +280,7 @@ def put_row(coder: Encoder, numbers: list[int], *, signs: bool) -> bytearray:
 def encode_compiled(
     ticks: NDArray[np.int64], indices: NDArray[np.int64], interpolation: Interpolation
 ) -> bytes:
-    """``encode_loop``, in C; a packet that does not fit its buffer is written once more."""
+    """``encode_loop``, in C; a packet that does not fit its buffer is written again."""
     assert compiled is not None
     plain = np.ascontiguousarray(ticks), np.ascontiguousarray(indices)
     size, status = 2 * (ticks.size + indices.size) + 64, NO_ROOM

@@ -204,22 +204,12 @@ def encode_predicted(
     c = predictor.coefficients
     if c is None:
         raise ValueError("a predictor out of range")
-    if compiled is not None:
-        return predictor.build() + encode_compiled(indices, predictor, c, cross)
-    return predictor.build() + encode_coded(indices, predictor, c, cross)
-
-
-def encode_compiled(
-    indices: NDArray[np.int64],
-    predictor: Predictor,
-    c: list[int],
-    cross: NDArray[np.int64] | None,
-) -> bytes:
-    """``encode_coded``, in C; a packet that does not fit its buffer is written once more."""
-    assert compiled is not None
+    if compiled is None:
+        return predictor.build() + encode_coded(indices, predictor, c, cross)
     size, status = 2 * indices.size + 64, NO_ROOM
     plain = np.ascontiguousarray(indices, np.int64)
     beside = b"" if cross is None else cross
+    # A packet that does not fit its buffer is written again.
     while status == NO_ROOM:
         out = bytearray(size)
         taps = np.array(c, np.int32)
@@ -229,7 +219,7 @@ def encode_compiled(
         )  # fmt: skip
     if status:
         raise ValueError(OUT_OF_RANGE)
-    return bytes(out[:size])
+    return predictor.build() + bytes(out[:size])
 
 
 def encode_coded(
@@ -308,31 +298,17 @@ def decode_body(
     if c is None:
         raise FormatError("predictor out of range", requirement="LPC-005", offset=offset + 2)
     coded, at = data[position:], offset + position
-    if compiled is not None:
-        return decode_compiled(coded, predictor, c, span, limit, at, cross)
-    return np.frombuffer(decode_coded(coded, predictor, c, span, limit, at, cross), np.int64)
-
-
-def decode_compiled(
-    data: bytes,
-    predictor: Predictor,
-    c: list[int],
-    span: int,
-    limit: int,
-    offset: int,
-    cross: NDArray[np.int64] | None,
-) -> NDArray[np.int64]:
-    """``decode_coded``, in C."""
-    assert compiled is not None
+    if compiled is None:
+        return np.frombuffer(decode_coded(coded, predictor, c, span, limit, at, cross), np.int64)
     out = np.empty(span, np.int64)
     taps = np.array(c, np.int32)
     status, taken = compiled.lpcr_decode(
-        data, taps, predictor.difference, predictor.repeats, predictor.base, limit,
+        coded, taps, predictor.difference, predictor.repeats, predictor.base, limit,
         b"" if cross is None else cross, out,
     )  # fmt: skip
     if status:
         requirement, message = STATUS[status]
-        place = offset + min(taken, len(data))
+        place = at + min(taken, len(coded))
         raise FormatError(message, requirement=requirement, offset=place)
     return out
 

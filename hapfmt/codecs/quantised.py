@@ -401,7 +401,7 @@ def encode_quantised(levels: NDArray[np.int64], parameters: QuanParameters) -> b
 
 
 def encode_compiled(row: NDArray[np.int64], parameters: QuanParameters) -> bytes:
-    """The same in C; a packet that does not fit its buffer is written once more."""
+    """The same in C; a packet that does not fit its buffer is written again."""
     assert compiled is not None
     room, size = 0, row.size + 64
     while size > room:

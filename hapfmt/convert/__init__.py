@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from ..limits import Limits
     from ..reading.reader import Band
-    from ..recording import Channel, Rate, Recording, Seconds, Units
+    from ..recording import Rate, Recording, Seconds, Units
 
 
 HAPF = ".hapf"
@@ -277,7 +277,7 @@ def save(
     from ..recording import recording_of
 
     max_memory = MAX_MEMORY if max_memory is None else max_memory
-    path = _path_of(target)
+    path = Path(target) if isinstance(target, str | os.PathLike) else None
     recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)
     with _named(target):
         converter = _converter(_suffix(path, format))
@@ -287,17 +287,13 @@ def save(
         else:
             with atomic_write(path, force=force) as stream:
                 notes = converter.write(recording, stream, max_memory=max_memory)
-    nans = [c.label or str(i) for i, c in enumerate(recording.channels) if _holds_nan(c)]
+    nans = [
+        c.label or str(i)
+        for i, c in enumerate(recording.channels)
+        if c.stored.dtype.kind == "f" and (c.stored != c.stored).any()
+    ]
     more = [f"NaN values of {', '.join(nans)} cannot be told from gaps there"] if nans else []
     return (*notes, *more)
-
-
-def _holds_nan(channel: Channel) -> bool:
-    return channel.stored.dtype.kind == "f" and bool((channel.stored != channel.stored).any())
-
-
-def _path_of(place: str | os.PathLike[str] | BinaryIO) -> Path | None:
-    return Path(place) if isinstance(place, str | os.PathLike) else None
 
 
 def _suffix(path: Path | None, format: str | None, *more: str) -> str:
@@ -328,8 +324,9 @@ def _named(place: str | os.PathLike[str] | bytes | BinaryIO) -> Iterator[None]:
     if isinstance(place, str) and "://" in place:  # the reader names a URL without its password
         yield
         return
-    path = None if isinstance(place, (bytes, bytearray, memoryview)) else _path_of(place)
-    name = getattr(place, "name", None) if path is None else str(path)
+    name = getattr(place, "name", None)
+    if isinstance(place, str | os.PathLike):
+        name = str(Path(place))
     try:
         yield
     except HapfmtError as error:

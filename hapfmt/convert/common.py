@@ -96,7 +96,7 @@ def exact_doubles(x: NDArray[Any], what: str) -> NDArray[np.float64]:
     if x.dtype.kind not in "biuf":
         raise ParameterError(f"{what} holds {x.dtype} values, not real numbers")
     with np.errstate(over="ignore", invalid="ignore"):  # of a wider float, of a signalling NaN
-        doubles = x.astype(np.float64)
+        doubles = x.astype(np.float64, copy=False)
     if x.dtype.kind in "iu" and x.dtype.itemsize == 8:
         inexact = ~_fits_53_bits(x)
     elif x.dtype.itemsize > 8:

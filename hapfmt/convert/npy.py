@@ -75,7 +75,7 @@ def write_dense(stream: IO[bytes], dense: Dense) -> None:
     npy_format.write_array_header_1_0(stream, header)
     for number in range(len(dense.channels)):
         for part in dense.rows(number):
-            stream.write(part.astype("<f8").tobytes())
+            stream.write(part.astype("<f8", copy=False).data)
 
 
 def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]:

@@ -29,17 +29,18 @@ import struct
 import warnings
 import zipfile
 import zlib
-from collections.abc import Collection
 from dataclasses import replace
 from fractions import Fraction
 from io import SEEK_END
 from math import isinf, isnan, nan
+from operator import itemgetter
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LimitError, MovedTimesWarning, ParameterError
+from ..files import Closing
 from ..limits import TICK_LIMIT
 from ..numbers import checked_rate
 from ..recording import Channel, Event, Recording, index_of_channel, spans_at, spans_of, unique
@@ -54,7 +55,6 @@ from .common import (
     refusing,
     seekable,
     unit_of,
-    with_notes,
 )
 from .npy import doubles_2d, memory_of, read_array, read_header, write_array, write_dense
 
@@ -83,29 +83,36 @@ def read(
     transpose: bool | None = None,
 ) -> Recording:
     """A zip file of arrays with the keys above; NaN is a gap, other keys are noted."""
-    stream = seekable(stream, max_memory)
-    _check_directory(stream)
-    with refusing("this is not an .npz archive", *_ZIP_ERRORS):
-        opened = zipfile.ZipFile(stream)
-    with opened:
-        archive = _Archive(opened, max_memory)
-        endings = _endings(archive)
+    with _Archive(seekable(stream, max_memory), max_memory) as archive:
+        matches = [match for key in archive.members if (match := _KEY.fullmatch(key)) is not None]
+        # What follows the name in the keys x, x__0, x__1 ... of the groups.
+        endings = [match[2] or "" for match in matches if match[1] == "x"]
+        if "" in endings and len(endings) > 1:
+            raise ParameterError("keys x and x__0 together; a file has one group, or numbered ones")
+        if len(endings) > _GROUPS:
+            raise LimitError(f"this .npz archive has {len(endings)} groups, more than {_GROUPS}")
+        endings = sorted(endings, key=lambda ending: int(ending[2:] or 0)) or [""]
         if rate is not None and len(endings) > 1:
             raise ParameterError("the file holds several rates; they cannot be overridden by one")
         notes: list[str] = []
         found = [_channels(archive, ending, rate, notes, transpose) for ending in endings]
         channels = [channel for group, _ in found for channel in group]
         positions = [p for ending in endings for p in archive.integers(f"index{ending}")]
-        source = archive.texts("source")
-        events = _events(archive.texts("events"))
+        source, texts = archive.texts("source"), archive.texts("events")
+    # What ``_written`` made of events.
+    with refusing("key 'events'", RecursionError, TypeError):
+        events = [Event(**row) for text in texts for row in json.loads(text)]
     if positions and sorted(positions) != list(range(len(channels))):
         raise ParameterError("the index keys do not give each channel a position of its own")
-    ordered = sorted(zip(positions or range(len(channels)), channels, strict=True), key=_position)
+    placed = zip(positions or range(len(channels)), channels, strict=True)
+    ordered = sorted(placed, key=itemgetter(0))
     names = unique([channel.label for _, channel in ordered], notes)
-    if unread := archive.unread():
-        notes.append(f"keys not carried over: {unread}")
+    if unread := sorted(key for key in archive.members if key not in archive.used):
+        more = len(unread) - _KEYS_NAMED
+        shown = ", ".join(map(repr, unread[:_KEYS_NAMED]))
+        notes.append(f"keys not carried over: {shown}{f' and {more} more' if more > 0 else ''}")
     metadata = {"source": "; ".join(source)} if source else {}
-    described = with_notes(metadata, notes)
+    described = {**metadata, "notes": notes} if notes else metadata
     return Recording(
         tuple(
             channel if channel.label == name else replace(channel, label=name)
@@ -115,26 +122,6 @@ def read(
         events=tuple(events),
         epoch_ns=found[0][1] if len(found) == 1 else None,
     )
-
-
-def _check_directory(stream: BinaryIO) -> None:
-    """Refuse a zip file of very many members before :mod:`zipfile` reads the list of them."""
-    end = stream.seek(0, SEEK_END)
-    stream.seek(max(end - (1 << 16) - 22, 0))
-    tail = stream.read()
-    stream.seek(0)
-    at = tail.rfind(b"PK\x05\x06")
-    if at < 0 or len(tail) < at + 22:
-        return
-    count, size = struct.unpack_from("<HI", tail, at + 10)
-    if count > _MEMBERS or size > _DIRECTORY_SIZE:
-        raise LimitError(f"this .npz archive has too many members: more than {_MEMBERS}")
-
-
-def _events(texts: list[str]) -> list[Event]:
-    """What ``_written`` made of events."""
-    with refusing("key 'events'", RecursionError, TypeError):
-        return [Event(**row) for text in texts for row in json.loads(text)]
 
 
 def _written(recording: Recording) -> str:
@@ -147,24 +134,32 @@ def _written(recording: Recording) -> str:
     return json.dumps(rows, ensure_ascii=False, separators=(",", ":"))
 
 
-def _position(placed: tuple[int, Channel]) -> int:
-    return placed[0]
-
-
-class _Archive:
+class _Archive(Closing):
     """The members of a zip file by key, and the memory that their arrays may still take."""
 
-    def __init__(self, opened: zipfile.ZipFile, memory_left: int) -> None:
-        self._opened = opened
+    def __init__(self, stream: BinaryIO, memory_left: int) -> None:
+        # A zip file of very many members is refused before its list of them is read.
+        end = stream.seek(0, SEEK_END)
+        stream.seek(max(end - (1 << 16) - 22, 0))
+        tail = stream.read()
+        stream.seek(0)
+        at = tail.rfind(b"PK\x05\x06")
+        if at >= 0 and len(tail) >= at + 22:
+            count, size = struct.unpack_from("<HI", tail, at + 10)
+            if count > _MEMBERS or size > _DIRECTORY_SIZE:
+                raise LimitError(f"this .npz archive has too many members: more than {_MEMBERS}")
+        with refusing("this is not an .npz archive", *_ZIP_ERRORS):
+            self._opened = zipfile.ZipFile(stream)
         self._memory_left = memory_left
-        self.members = {info.filename.removesuffix(".npy"): info for info in opened.infolist()}
+        self.members = {
+            info.filename.removesuffix(".npy"): info for info in self._opened.infolist()
+        }
         self.used: set[str] = {"source", "events"}
         if len(self.members) > _MEMBERS:
             raise LimitError(f"this .npz archive has too many members: more than {_MEMBERS}")
 
-    def unread(self) -> str:
-        """The keys that nothing was taken from."""
-        return _listed([key for key in self.members if key not in self.used])
+    def close(self) -> None:
+        self._opened.close()
 
     def shape(self, key: str) -> tuple[tuple[int, ...], str]:
         """Shape and kind of dtype of a key's array; no array is read."""
@@ -188,7 +183,7 @@ class _Archive:
         self._memory_left -= memory_of(array.shape, array.dtype)
         return array
 
-    def _flat(self, key: str, kinds: str, wanted: str, limit: int) -> NDArray[Any]:
+    def numbers(self, key: str, kinds: str, wanted: str, limit: int) -> NDArray[Any]:
         """[n] values of one of the dtype kinds; n is 0 where the key is absent."""
         array = self.array(key)
         if array is None:
@@ -200,33 +195,19 @@ class _Archive:
         return array.reshape(-1)
 
     def texts(self, key: str) -> list[str]:
-        texts = self._flat(key, "US", "text", CHANNEL_LIMIT)
+        texts = self.numbers(key, "US", "text", CHANNEL_LIMIT)
         with refusing(f"key {key!r} holds no text"):
             return [t.decode() if isinstance(t, bytes) else str(t) for t in texts.tolist()]
 
     def integers(self, key: str) -> list[int]:
-        values = self._flat(key, "iu", "integers", CHANNEL_LIMIT)
+        values = self.numbers(key, "iu", "integers", CHANNEL_LIMIT)
         return [int(value) for value in values.tolist()]
-
-    def doubles(self, key: str, limit: int) -> NDArray[np.float64]:
-        return exact_doubles(self._flat(key, "iuf", "numbers", limit), f"key {key!r}")
 
     def rate(self, key: str) -> Fraction | None:
         """A text unchanged; of a float its shortest decimal, in its own dtype."""
-        values = self._flat(key, "iufU", "a rate", 1)
+        values = self.numbers(key, "iufU", "a rate", 1)
         with refusing(f"key {key!r}"):
             return rate_from(str(values[0])) if values.size else None
-
-
-def _endings(archive: _Archive) -> list[str]:
-    """What follows the name in the keys x, x__0, x__1 ... of the groups; "" for other layouts."""
-    matches = [match for key in archive.members if (match := _KEY.fullmatch(key)) is not None]
-    endings = [match[2] or "" for match in matches if match[1] == "x"]
-    if "" in endings and len(endings) > 1:
-        raise ParameterError("keys x and x__0 together; a file has one group, or numbered ones")
-    if len(endings) > _GROUPS:
-        raise LimitError(f"this .npz archive has {len(endings)} groups, more than {_GROUPS}")
-    return sorted(endings, key=lambda ending: int(ending[2:] or 0)) or [""]
 
 
 def _plain(archive: _Archive) -> list[str]:
@@ -283,14 +264,12 @@ def _array_of(
         return doubles_2d(array, what, labelled=count, transpose=transpose), named
     if len(keys) > CHANNEL_LIMIT:
         raise LimitError(f"{len(keys)} channels, more than {CHANNEL_LIMIT}")
-    rows = [exact_doubles(_required(archive, key), f"key {key!r}") for key in keys]
+    rows = [
+        exact_doubles(array, f"key {key!r}")
+        for key in keys
+        if (array := archive.array(key)) is not None
+    ]
     return np.stack(rows), keys
-
-
-def _required(archive: _Archive, key: str) -> NDArray[Any]:
-    array = archive.array(key)
-    assert array is not None
-    return array
 
 
 def _channels(
@@ -312,8 +291,11 @@ def _channels(
         raise ParameterError(
             f"x{ending} looks transposed; it is [channels, samples]: use --transpose"
         )
-    units = _for_each(archive.texts(f"unit{ending}") or ["1"], channels)
-    steps = _for_each(archive.doubles(f"lsb{ending}", CHANNEL_LIMIT).tolist() or [nan], channels)
+    units = archive.texts(f"unit{ending}") or ["1"]
+    units *= channels if len(units) == 1 else 1
+    lsb = archive.numbers(f"lsb{ending}", "iuf", "numbers", CHANNEL_LIMIT)
+    steps = exact_doubles(lsb, f"key 'lsb{ending}'").tolist() or [nan]
+    steps *= channels if len(steps) == 1 else 1
     starts = archive.integers(f"start_tick{ending}") or [0]
     counted = {
         "channel_names": len(labels),
@@ -329,7 +311,10 @@ def _channels(
     if len(starts) != 1 or not 0 <= starts[0] <= TICK_LIMIT - ticks:
         raise ParameterError(f"start_tick{ending} is not one tick in [0, 2^48)")
     found, ticks_at, epoch_ns = _rate(archive, ending), None, None
-    times = _times(archive, ending)
+    keys_of_times = [f"{name}{ending}" for name in (_TIMES if not ending else _TIMES[:1])]
+    times = None
+    for key in [key for key in keys_of_times if key in archive.members][:1]:
+        times = exact_doubles(archive.numbers(key, "iuf", "numbers", TICK_LIMIT), f"key {key!r}")
     if times is not None and found is None:
         grid = _grid(times, rate, ticks)
         found, ticks_at, epoch_ns = grid.rate, grid.ticks, grid.epoch_ns
@@ -345,7 +330,7 @@ def _channels(
         spans = tuple(spans_of(known, starts[0])) if ticks_at is None else spans_at(ticks_at[known])
         made.append(
             Channel(
-                row[known],
+                np.ascontiguousarray(row) if known.all() else row[known],
                 hertz,
                 spans,
                 label=label,
@@ -354,14 +339,6 @@ def _channels(
             )
         )
     return made, epoch_ns
-
-
-def _times(archive: _Archive, ending: str) -> NDArray[np.float64] | None:
-    for name in _TIMES if not ending else _TIMES[:1]:
-        key = f"{name}{ending}"
-        if key in archive.members:
-            return archive.doubles(key, TICK_LIMIT)
-    return None
 
 
 def _grid(times: NDArray[np.float64], rate: Fraction | None, ticks: int) -> TickGrid:
@@ -374,11 +351,6 @@ def _grid(times: NDArray[np.float64], rate: Fraction | None, ticks: int) -> Tick
         except ValueError as error:
             raise ParameterError(f"the time {time!r} {error}; give the rate (--rate)") from None
     return stamps.grid(rate)
-
-
-def _for_each(values: list[Any], count: int) -> list[Any]:
-    """One value stands for all channels."""
-    return values * count if len(values) == 1 else values
 
 
 def _rate(archive: _Archive, ending: str) -> Fraction | None:
@@ -408,12 +380,6 @@ def _times_notes(times: NDArray[np.float64], rate: Fraction, ticks: int, start: 
     if abs(float(times[0]) - start / rate) > max(largest, STEADY / float(rate)):
         notes.append(f"the times begin at {float(times[0])} s, which became tick {start}")
     return notes
-
-
-def _listed(keys: Collection[str]) -> str:
-    named = ", ".join(map(repr, sorted(keys)[:_KEYS_NAMED]))
-    more = len(keys) - _KEYS_NAMED
-    return f"{named} and {more} more" if more > 0 else named
 
 
 def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:

@@ -121,7 +121,7 @@ def with_channel_number(event: Event, labels: Sequence[str]) -> Event:
 
 
 def known_layers(catalogue: Catalogue) -> dict[str, Track]:
-    """By name, the first of each."""
+    """Event tracks by name, the first of each."""
     return {
         track.components[0].label: track
         for track in reversed(catalogue.layers)
@@ -211,7 +211,7 @@ def extract(
 
 
 def free_name(name: str, taken: set[str]) -> str:
-    """With a number before its suffix where it is taken, whatever the case of its letters."""
+    """The name, with a number before its suffix if it exists in any case of its letters."""
     candidate, number = name, 1
     while candidate.casefold() in taken:
         number += 1

@@ -23,7 +23,7 @@ from ..format.cluster import Packet
 from ..format.extras import build_metadata
 from ..format.track import Affine, Component, Track
 from ..format.wire import Head, check_file_id
-from ..limits import LAST_TRACK_ID
+from ..limits import LAST_TRACK_ID, LEVELS
 from ..numbers import exact
 from ..reading.packets import Seconds
 from .making import (
@@ -240,7 +240,7 @@ def joinable(track: Track, last: Track) -> bool:
 
 
 def check_alike(track: Track, last: Track, original: Original) -> None:
-    """What no two tracks of one channel may differ in."""
+    """Refuses tracks of one channel that differ in rate, number format, calibration or unit."""
     pairs = [
         ("rate", f"{track.rate} Hz", f"{last.rate} Hz"),
         ("number format", track.number_format, last.number_format),
@@ -302,7 +302,7 @@ def common_line(
     given: Mapping[int, Seconds],
     canonical: int | None,
 ) -> CommonTimeline:
-    """For files recorded side by side; ``given``: offsets by the place of the file."""
+    """Offsets of files recorded side by side; ``given``: by the place of the file."""
     if given:
         if times is not None:
             raise ParameterError("offsets, or --by-epoch, or the same times, not two of them")
@@ -414,7 +414,7 @@ def concat(
         metadata = with_note(combined([o.catalogue.metadata for o in originals]), text)
         level = level_for(
             list(joining.tracks.values()),
-            *(original.head.limits for original in originals),
+            *(LEVELS[original.head.level] for original in originals),
             largest=len(build_metadata(metadata)),
         )
         with opened(out, force) as stream:
@@ -434,7 +434,7 @@ def concat(
 def known_offsets(
     originals: Sequence[Original], times: Times | None
 ) -> tuple[list[Fraction] | None, list[str]]:
-    """Where the zeros lie; None: each at the end of the file before."""
+    """Offsets of the zeros; None: each is at the end of the previous file."""
     if times == "same":
         return [Fraction(0)] * len(originals), []
     if times == "epoch":
@@ -473,7 +473,7 @@ def copy_all(
 
 
 def dated(original: Original) -> str:
-    """Its title, and when it was recorded, since only the first epoch is kept."""
+    """Title and time of a recording, since only the first epoch is kept."""
     epoch = original.head.epoch_ns
     if epoch is None:
         return title(original)
@@ -528,7 +528,7 @@ def merge(
         metadata = with_note(combined([o.catalogue.metadata for o in originals]), text)
         level = level_for(
             [place.track for plan in plans for place in plan.places.values()],
-            *(original.head.limits for original in originals),
+            *(LEVELS[original.head.level] for original in originals),
             largest=len(build_metadata(metadata)),
         )
         with opened(out, force) as stream:

@@ -209,7 +209,7 @@ class Original(Closing):
 
 
 def open_original(file: Input | Original, *, scan: bool = True) -> AbstractContextManager[Original]:
-    """One that is open already stays so."""
+    """Opens a file for editing; one that is open stays open."""
     return nullcontext(file) if isinstance(file, Original) else Original(file, scan=scan)
 
 
@@ -321,7 +321,7 @@ TICK_BOUND = 1 << 52
 
 
 class Everything:
-    """As a set: of all there is."""
+    """A set that contains everything."""
 
     def __contains__(self, _: object) -> bool:
         return True
@@ -437,7 +437,7 @@ class Making:
         self.seen: dict[bytes, Original] = {}
         """Which file had a chunk first, by its digest."""
         self.maps_to_drop: Container[bytes] = ()
-        """Payloads of clock maps that hold for a part of what they would speak of only."""
+        """Payloads of clock maps that hold only for some of their tracks."""
         self.lost_events = 0
 
     def note(self, text: str) -> None:
@@ -470,7 +470,7 @@ class Making:
             if track != NO_TRACK:
                 place = plan.places.get(track)
                 if place is None and header.type != "aTTc":
-                    self.note(f"{header.type} chunk left out: it speaks of track {track}")
+                    self.note(f"{header.type} chunk left out: it refers to track {track}")
                     continue
                 track = place.track.id if place else NO_TRACK
             if header.known and header.type in TYPES:
@@ -618,7 +618,7 @@ class Making:
 
 
 def refuse_output(file: Output, force: bool) -> None:
-    """Before any work."""
+    """Refuses an output before any work."""
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
 
@@ -710,7 +710,7 @@ def combined(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def same(a: Any, b: Any) -> bool:
-    """Equal as JSON: true is not 1."""
+    """True if two values are equal as JSON: true is not 1."""
     if isinstance(a, dict) and isinstance(b, dict):
         return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
     if isinstance(a, list) and isinstance(b, list):

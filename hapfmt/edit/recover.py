@@ -58,7 +58,7 @@ EVERYTHING = (0, 1 << 62)
 
 def describe(catalogue: Catalogue) -> tuple[list[Record], list[Track]]:
     """All tracks that can be kept, HF last; and the tracks that stand for lost ones, without
-    packets: also of channels that an event speaks of."""
+    packets: also of channels that an event refers to."""
     kept = dict(copied(catalogue, rejoined(usable(catalogue))))
     places = placeholders({track.id: track for track in kept}, catalogue)
     kept |= {track: build_track(track) for track in places}
@@ -66,10 +66,10 @@ def describe(catalogue: Catalogue) -> tuple[list[Record], list[Track]]:
 
 
 def usable(catalogue: Catalogue) -> dict[int, Track]:
-    """HF tracks only with their base."""
+    """Tracks that can be kept: HF tracks only with their base."""
     found: dict[int, Track] = {}
     for track in sorted(catalogue.tracks.values(), key=lambda t: (t.kind == "hf", t.id)):
-        if track.kind == "hf" and track.base not in found:
+        if track.is_orphan(found):
             message = f"HF track {track.id} has lost its base track {track.base}"
             catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-003")
             continue
@@ -83,7 +83,8 @@ def rejoined(kept: dict[int, Track]) -> dict[int, Track]:
     table.tracks = kept
     out = dict(kept)
     for chain in table.chains():
-        for before, track in zip([None, *chain], chain, strict=False):
+        known = [track for track in chain if track.unsupported is None]
+        for before, track in zip([None, *known], known, strict=False):
             if track.continues is not None and track.continues not in kept:
                 out[track.id] = replace(track, continues=before.id if before else None)
     return out
@@ -107,7 +108,7 @@ def copied(catalogue: Catalogue, kept: dict[int, Track]) -> Iterator[Record]:
 
 def placeholders(described: dict[int, Track], catalogue: Catalogue) -> list[Track]:
     """An empty HF track for each LF track without one (TRK-012), and empty tracks for channel
-    numbers that nothing speaks of (TRK-010)."""
+    numbers without any reference (TRK-010)."""
     ids = free_ids(described.keys() | catalogue.tracks.keys())
     bases = {track.base for track in described.values() if track.kind == "hf"}
     places = [
@@ -130,7 +131,7 @@ def placeholders(described: dict[int, Track], catalogue: Catalogue) -> list[Trac
 
 
 def highest_named(catalogue: Catalogue, described: dict[int, Track]) -> int:
-    """The highest channel number that an event speaks of, -1 where none does."""
+    """The highest channel number in an event, -1 where no event has one."""
     layers = [t for t in described.values() if t.kind == "events" and t.unsupported is None]
     everything = dict.fromkeys((layer.id for layer in layers), EVERYTHING)
     decoders = {layer.id: TrackDecoder(layer, catalogue.level) for layer in layers}
@@ -387,7 +388,9 @@ def check_layout(source: ByteSource, limits: Limits) -> None:
     check_structure(found)
     everything = dict.fromkeys(found.tracks, EVERYTHING)
     for packet in PacketPass(found, lambda: None).packets(everything):
-        limits.check_packet(found.tracks[packet.track].weight(packet.span, len(packet.data)))
+        limits.check(
+            "packet_samples", found.tracks[packet.track].weight(packet.span, len(packet.data))
+        )
     stored_digests(found)
     if found.findings:
         first = found.findings[0]
@@ -486,12 +489,14 @@ class Copy:
         """Whether it decodes, and fits; it goes into its track's digest."""
         decoder = self.decoders.get(packet.track)
         samples = self.tracks[packet.track].weight(packet.span, len(packet.data))
-        self.limits.check_packet(samples)
-        self.limits.check_work(self.done.samples + samples)
+        self.limits.check("packet_samples", samples)
+        self.limits.check("work_samples", self.done.samples + samples)
         try:
             self.writer.level.check("payload_size", alone_size(packet), "LIM-001", packet.offset)
             if decoder is not None:
                 piece = self.pieces.decode(packet)
+                if piece.fault is not None:
+                    raise piece.fault
                 if packet.offset < self.stored.get(packet.track, (0, b""))[0]:
                     self.digests[packet.track].update(packet.start, piece.digested)
                 else:
@@ -533,7 +538,7 @@ class Copy:
             return False
         if finding.code in ("missing-chunk", "missing-head"):
             return True
-        if finding.code == "bad-payload" and finding.offset in self.unharmed:
+        if finding.code in ("bad-payload", "bad-chunk") and finding.offset in self.unharmed:
             return False
         if finding.offset + finding.size <= len(SIGNATURE):
             # The rest of the signature, which the writer writes again.

@@ -198,7 +198,7 @@ def write_part(
     metadata = with_note(original.catalogue.metadata, text)
     described = [place.track for place in plan.places.values()]
     asked = [LEVELS[level]] if level else []
-    limits = level_for(described, head.limits, *asked, largest=len(build_metadata(metadata)))
+    limits = level_for(described, LEVELS[head.level], *asked, largest=len(build_metadata(metadata)))
     with opened(out, force) as stream:
         making = Making(stream, head, level=limits, canonical=canonical, name=name_of(out))
         for note in notes:

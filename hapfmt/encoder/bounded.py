@@ -236,7 +236,7 @@ def encode_bounded(
 
 
 def contract_for(band: Deadband) -> Contract:
-    """Kept by construction, and checked once more before the file is written."""
+    """Kept by construction, and checked again before the file is written."""
     return Contract(band.kn, band.kd, band.vector, True, band.floor, band.zero)
 
 

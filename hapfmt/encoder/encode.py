@@ -7,9 +7,11 @@ the ways. The encoder reports each decision.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
+from functools import partial
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -20,9 +22,9 @@ from ..codecs.knots import KnotParameters
 from ..errors import FormatError, ParameterError
 from ..format.cluster import Packet
 from ..format.track import Track
-from ..limits import LAST_TRACK_ID, LEVELS, Level
+from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
 from ..reading.decoder import TrackDecoder
-from ..recording import Channel, Recording, Span
+from ..recording import Channel, Recording
 from ..threads import in_order, thread_count
 from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
 from .exact import (
@@ -34,13 +36,12 @@ from .exact import (
     encode_linear,
     encode_words,
     find_relations,
-    may_have_counts,
     stretches,
     words_size,
 )
-from .gridded import Gridded, fine_grid, on_grid, without_odd_values
+from .gridded import Gridded, on_grid, without_odd_values
 from .knots import Coded
-from .lattice import Lattice, sparse
+from .lattice import Lattice, LatticeSearch, sparse
 from .plan import Promise, promises_of, vector_promise
 from .predict import shorten
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
@@ -143,6 +144,8 @@ class EncodeJob:
     settings: Settings
     originals: list[Channel]
     promises: list[Promise]
+    searches: list[LatticeSearch]
+    """One for the values of each channel."""
     cluster: Fraction
     threads: int
 
@@ -175,7 +178,8 @@ def encode(
     calm = [without_odd_values(*pair) for pair in zip(recorded, promises, strict=True)]
     originals = [channel for channel, _ in calm]
     cluster = settings.cluster_of(recording)
-    job = EncodeJob(settings, originals, promises, cluster, threads)
+    searches = [LatticeSearch(channel.stored) for channel in originals]
+    job = EncodeJob(settings, originals, promises, searches, cluster, threads)
     count = len(recording)
     done = progress or (lambda _done, _all: None)
     parts = list(encode_parts(job, 0, count, lambda done_now: done(done_now, count)))
@@ -203,7 +207,10 @@ def encode_parts(
     numbers = range(first, stop)
 
     def gridded(number: int) -> Gridded:
-        return on_grid(job.originals[number], job.promises[number], settings)
+        search = job.searches[number]
+        found = on_grid(job.originals[number], job.promises[number], settings, search)
+        search.forget()
+        return found
 
     prepared = list(in_order(gridded, numbers, job.threads))
     whole = settings.preset == "perceptual" and settings.felt == ALL and not settings.texture
@@ -220,29 +227,21 @@ def encode_parts(
         steps.append(step_of(members, prepared[at].promise, settings))
         at += len(members)
 
-    def code(run: Run) -> list[PlacedUnit]:
-        members, links, at = run
+    runs = list(find_runs(groups, steps))
+    starts = accumulate((len(members) for members, _ in runs), initial=0)
+
+    def code(run: tuple[tuple[list[Channel], Links], int]) -> list[PlacedUnit]:
+        (members, links), at = run
         rows = [
             replace(each, channel=channel)
             for each, channel in zip(prepared[at : at + len(members)], members, strict=True)
         ]
         return list(encode_members(rows, links, first + at, job))
 
-    for coded in in_order(code, numbered(find_runs(groups, steps)), job.threads):
+    for coded in in_order(code, zip(runs, starts, strict=False), job.threads):
         for part in coded:
             yield part
             done(part.stop)
-
-
-Run = tuple[list[Channel], Links, int]
-"""Channels, their links, and the number of the first."""
-
-
-def numbered(runs: Iterable[tuple[list[Channel], Links]]) -> Iterator[Run]:
-    first = 0
-    for members, links in runs:
-        yield members, links, first
-        first += len(members)
 
 
 def as_recorded(channel: Channel) -> Channel:
@@ -332,7 +331,12 @@ def runs_of_doubles(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[list[Pl
             and part.members[0].promise.lossless
             and channel.stored.dtype == np.float64
             and bool(np.isfinite(channel.stored).all())
-            and may_have_counts(part.unit, channel.stored)
+            # Words of which one is larger than those of a binary grid may not; others do not come
+            # near the largest double, where sums overflow.
+            and (
+                part.unit.base.track.number_format == "counts"
+                or float(np.abs(channel.stored).max(initial=0.0)) <= EXACT_LIMIT
+            )
         )
         if run and not (
             fits and len(run) < RUN_LIMIT and same_ticks(job.originals[run[0].first], channel)
@@ -357,6 +361,10 @@ def with_lossless(
         settings=job.lossless,
         originals=recorded,
         promises=[Promise()] * len(recorded),
+        searches=[
+            search if channel.stored is calm.stored else LatticeSearch(channel.stored)
+            for channel, calm, search in zip(recorded, job.originals, job.searches, strict=True)
+        ],
     )
     rivals: list[PlacedUnit] = []
     doubtful = [small or may_lose(part) for part in parts]
@@ -475,7 +483,17 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         )
     spans = tuple(cut(channel.coverage, channel.rate_exact, job.cluster, len(channels)))
     if channel.calibration is None:
-        return encode_floating(channel, spans, first_channel)
+        kind = WORDS.get(channel.stored.dtype)
+        if kind is None:
+            raise ParameterError(
+                f"channel {channel.label!r} holds {channel.stored.dtype}: give it a calibration, "
+                "or one of int64, uint64, float16, float32, float64"
+            )
+        words = partial(encode_words, channel, spans, first_channel, kind, WORDS_REASON)
+        if kind != "binary64":
+            return words()
+        search, least = job.searches[first_channel], partial(words_size, channel, spans)
+        return encode_doubles(channel, spans, first_channel, words, search, least=least)
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
@@ -509,8 +527,9 @@ def encode_source(
             assert channel.calibration is not None
             exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")
             return encode_doubles(
-                original, spans, first_channel, as_counts, exact=exact, grid=False
-            )
+                original, spans, first_channel, as_counts, job.searches[first_channel],
+                exact=exact, grid=False,
+            )  # fmt: skip
         return as_counts()
     if promise.paper:
         unit = encode_paper(source, first_channel, promise, settings)
@@ -524,7 +543,7 @@ def encode_source(
         )
         unit.kept_as = kept_as
     else:
-        unit = encode_within(members[0], source, base, original, first_channel, promise)
+        unit = encode_within(members[0], source, base, first_channel, promise)
     unit.least = unit.least or sum(
         lossless_bits(replace(source, channels=(each,), counts=counts[:, place : place + 1]))
         for place, each in enumerate(source.channels)
@@ -536,7 +555,6 @@ def encode_within(
     member: Gridded,
     source: InputBlock,
     base: Track,
-    original: Channel,
     first_channel: int,
     promise: Promise,
 ) -> Unit:
@@ -547,8 +565,8 @@ def encode_within(
         return unit
     unit = encode_lossless(source, base)
     unit.reason = "each sample from those before, in equal steps"
-    fine = fine_grid(original, promise)
-    if not fine.fine or fine.channel.calibration is None:
+    fine = member.finer
+    if fine is None:
         return unit
     finer = InputBlock((fine.channel,), fine.channel.stored[:, None], source.spans)
     unit.least = lossless_bits(finer)
@@ -557,25 +575,6 @@ def encode_within(
     if knots is None:
         return unit
     return replace(knots, channels=finer.channels, grid=fine.text, least=unit.least)
-
-
-def encode_floating(channel: Channel, spans: tuple[Span, ...], first_channel: int) -> Unit:
-    """Numbers without a common step, bit for bit."""
-    kind = WORDS.get(channel.stored.dtype)
-    if kind is None:
-        raise ParameterError(
-            f"channel {channel.label!r} holds {channel.stored.dtype}: give it a calibration, "
-            "or one of int64, uint64, float16, float32, float64"
-        )
-
-    def words() -> Unit:
-        return encode_words(channel, spans, first_channel, kind, WORDS_REASON)
-
-    if kind == "binary64":
-        return encode_doubles(
-            channel, spans, first_channel, words, least=lambda: words_size(channel, spans)
-        )
-    return words()
 
 
 def shorten_units(units: list[Unit]) -> None:
@@ -611,33 +610,30 @@ def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:
 def join_constant(coded: Coded) -> Iterator[Packet]:
     """Neighbours that are the same constant as one packet, so that silence costs next to nothing:
     a packet alone takes ten bytes of a cluster's table."""
-    decoder = TrackDecoder(coded.track, ENCODE_LEVEL)
-    for run in alike(coded.packets, JOINED_TICKS // len(coded.track.components)):
+    runs: list[list[Packet]] = []
+    limit = JOINED_TICKS // len(coded.track.components)
+    for packet in coded.packets:
+        last = runs[-1] if runs else []
+        if (
+            last
+            and packet.data == last[-1].data
+            and packet.start == last[-1].stop
+            and packet.stop - last[0].start <= limit
+        ):
+            last.append(packet)
+        else:
+            runs.append([packet])
+    for run in runs:
         joint = replace(run[0], span=run[-1].stop - run[0].start)
-        if len(run) > 1 and is_same_constant(decoder, joint, run[0]):
+        if len(run) > 1 and is_same_constant(coded.track, joint, run[0]):
             yield joint
         else:
             yield from run
 
 
-def alike(packets: Sequence[Packet], limit: int) -> Iterator[list[Packet]]:
-    """Runs of adjacent packets of the same bytes, of ``limit`` ticks together at most."""
-    run: list[Packet] = []
-    for packet in packets:
-        if run and (
-            packet.data != run[-1].data
-            or packet.start != run[-1].stop
-            or packet.stop - run[0].start > limit
-        ):
-            yield run
-            run = []
-        run.append(packet)
-    if run:
-        yield run
-
-
-def is_same_constant(decoder: TrackDecoder, joint: Packet, part: Packet) -> bool:
+def is_same_constant(track: Track, joint: Packet, part: Packet) -> bool:
     """Whether the joint packet, of the bytes of a part, is the constant that the part is."""
+    decoder = TrackDecoder(track, ENCODE_LEVEL)
     first = words_of(decoder, part)
     if (first != first[0]).any():
         return False

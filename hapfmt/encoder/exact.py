@@ -48,7 +48,7 @@ from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..numbers import build_varint, parse_varint
 from ..recording import Calibration, Channel, Span
 from .knots import Coded
-from .lattice import Lattice, Near, find_lattice, natural_lattices
+from .lattice import Lattice, LatticeSearch, Near
 from .predict import encode_best, fitting_packets
 from .source import cut, declared_range, make_track
 from .unit import Unit, decode_all
@@ -97,6 +97,7 @@ def encode_doubles(
     spans: Sequence[Span],
     first_channel: int,
     otherwise: Callable[[], Unit],
+    search: LatticeSearch,
     *,
     exact: Lattice | None = None,
     grid: bool = True,
@@ -109,17 +110,15 @@ def encode_doubles(
     where its size, at ``least`` that many bytes, is larger. ``exact``: the grid that holds the
     values exactly, if one exists. ``grid``: whether to try a binary grid.
     """
-    x = np.ascontiguousarray(channel.stored, np.float64)
+    x = search.values
     if not x.size or not np.isfinite(x).all():
         return otherwise()
 
-    def code(candidate: Candidate | None) -> Beside | None:
-        return coded_as(channel, x, spans, first_channel, candidate) if candidate else None
-
-    natural = code(natural_candidate(x, exact))
+    natural = coded_as(channel, x, spans, first_channel, natural_candidate(search, exact))
+    search.forget()
     if natural and 8 * natural.size < CHEAP * x.size:
         return natural.unit
-    found = [natural, code(binary_grid(x) if grid else None)]
+    found = [natural, coded_as(channel, x, spans, first_channel, binary_grid(x) if grid else None)]
     units = [way.unit for way in found if way]
     if not units or least() < min(unit.size for unit in units):
         units.append(otherwise())
@@ -131,8 +130,10 @@ def coded_as(
     x: Doubles,
     spans: Sequence[Span],
     first_channel: int,
-    candidate: Candidate,
+    candidate: Candidate | None,
 ) -> Beside | None:
+    if candidate is None:
+        return None
     low, high = declared_range(candidate.counts)
     if not candidate.calibration.covers(low, high):
         low, high = int(candidate.counts.min()), int(candidate.counts.max())
@@ -154,14 +155,17 @@ def coded_as(
         at += span.ticks
 
         def code(part: slice, values: Doubles = values, counts: Counts = counts) -> bytes:
-            return packet_of(values[part], candidate, counts[part])
+            x, given = values[part], counts[part]
+            lacking = lacking_of(x, candidate.parameters, candidate.affine, given)
+            return beside_counts(encode_best(given), lacking)
 
         try:
             for part, data in fitting_packets(span, counts, code):
                 coded.packets.append(Packet(0, part.start, part.ticks, data))
                 first = part.start - span.start
                 coded.doubles.append([values[first : first + part.ticks]])
-                beside += exact_size(data)
+                size, begin = parse_varint(data, 0)
+                beside += len(data) - begin - size
         except ValueError:
             # Too far from its count, or counts too far from each other.
             return None
@@ -169,19 +173,19 @@ def coded_as(
     return Beside(Unit(coded, None, "predicted + exact", reason, exact=True), beside)
 
 
-def natural_candidate(x: Doubles, exact: Lattice | None) -> Candidate | None:
+def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate | None:
     """The natural grid and the rule with the shortest corrections, by distinct values."""
-    z = x
-    if (np.signbit(x) & (x == 0)).any():
-        z = x + 0.0
-        exact = find_lattice(z)
+    if search.has_negative_zero:
+        exact = None if isinstance(search.exact, str) else search.exact
         if exact is not None:
             # Only -0.0 is off the grid.
-            return Candidate(exact.calibration, exact.counts, ExactParameters(), exact.reason)
-    u = np.unique(z)
+            return Candidate(
+                exact.calibration, exact.counts.astype(np.int64), ExactParameters(), exact.reason
+            )
+    u = search.distinct
     rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *printed_rule(u)]
     found: list[tuple[float, Candidate]] = []
-    lattices = {near.calibration: near for near in natural_lattices(u, exact)}
+    lattices = {near.calibration: near for near in search.natural_lattices(exact)}
     for near in lattices.values():
         step = float(near.calibration.step)
         how = f"step {step:.10g}, missed by {near.largest_deviation:.3g} at most"
@@ -190,22 +194,18 @@ def natural_candidate(x: Doubles, exact: Lattice | None) -> Candidate | None:
         first = first[:: max(1, first.size // TRIALS)]
         for rule in (*rules, *cubic_rules(near, u[first], near.counts[first])):
             way = Candidate(near.calibration, near.counts, rule, how)
-            bits = correction_bits(u[first], rule.values(near.counts[first], way.affine))
-            if bits is not None:
-                found.append((bits + 64 * len(rule.coefficients), way))
+            try:
+                given = rule.values(near.counts[first], way.affine)
+                corrections = corrections_of(u[first], given).astype(np.float64)
+            except ValueError:
+                continue
+            # About how many bits the corrections have in all.
+            bits = float(np.log2(1.0 + np.abs(corrections)).sum())
+            found.append((bits + 64 * len(rule.coefficients), way))
     if not found:
         return None
     best = min(found, key=lambda pair: pair[0])[1]
-    return replace(best, counts=best.counts[np.searchsorted(u, z)])
-
-
-def correction_bits(x: Doubles, doubles: Doubles) -> float | None:
-    """About how many bits the corrections have in all."""
-    try:
-        corrections = corrections_of(x, doubles)
-    except ValueError:
-        return None
-    return float(np.log2(1.0 + np.abs(corrections.astype(np.float64))).sum())
+    return replace(best, counts=best.counts[np.searchsorted(u, search.values)])
 
 
 def cubic_rules(near: Near, u: Doubles, counts: Counts) -> Iterator[ExactParameters]:
@@ -278,18 +278,6 @@ def binary_grid(x: Doubles, bits: int = GRID_BITS) -> Candidate | None:
     if not calibration.covers(int(counts.min()), int(counts.max())):
         return None
     return Candidate(calibration, counts, ExactParameters(), f"a binary grid of step {a / d:.6g}")
-
-
-def exact_size(packet: bytes) -> int:
-    """How many of its bytes are exact values."""
-    size, at = parse_varint(packet, 0)
-    return len(packet) - at - size
-
-
-def packet_of(x: Doubles, candidate: Candidate, counts: Counts) -> bytes:
-    """One packet of these samples."""
-    lacking = lacking_of(x, candidate.parameters, candidate.affine, counts)
-    return beside_counts(encode_best(counts), lacking)
 
 
 def beside_counts(coded: bytes, lacking: Lacking) -> bytes:
@@ -631,13 +619,6 @@ def encode_linear(
             how += f", linear in {first_channel + relation.source}"
         parts.append((f"bit for bit, {how}", size))
     return Unit(coded, None, "predicted + exact", "bit for bit", exact=True, parts=tuple(parts))
-
-
-def may_have_counts(unit: Unit, x: Doubles) -> bool:
-    """Whether a channel may be in a track of doubles: words of which one is larger than those of a
-    binary grid may not. Others do not come near the largest double, where sums overflow."""
-    small = float(np.abs(x).max(initial=0.0)) <= EXACT_LIMIT
-    return small or unit.base.track.number_format == "counts"
 
 
 def candidate_of(unit: Unit, x: Doubles) -> Candidate | None:

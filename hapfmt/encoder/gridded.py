@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..codecs.grids import FINEST, LpcParameters, deadband_levels
 from ..recording import Channel, Span, append_span
-from .lattice import on_uniform_grid, to_counts
+from .lattice import LatticeSearch, on_uniform_grid, to_counts
 from .plan import Promise, without_glitches
 from .settings import Settings, Tolerance
 from .unit import STEP_LIMIT, Bound, at_most
@@ -43,6 +43,8 @@ class Gridded:
     promise: Promise
     fine: bool = True
     """Whether the grid is far finer than the promise; otherwise the grid is the quantiser."""
+    finer: Gridded | None = None
+    """Where the grid is the quantiser, a finer one that was found."""
 
 
 def without_odd_values(channel: Channel, promise: Promise) -> tuple[Channel, str]:
@@ -71,31 +73,36 @@ def without_odd_values(channel: Channel, promise: Promise) -> tuple[Channel, str
     return changed, f"{count} infinite samples became gaps"
 
 
-def on_grid(channel: Channel, promise: Promise, settings: Settings) -> Gridded:
+def on_grid(
+    channel: Channel, promise: Promise, settings: Settings, search: LatticeSearch
+) -> Gridded:
     """The channel in counts, or as it is where every bit is kept and there is no common step."""
-    if promise.lossless or channel.is_counts:
-        changed, text = to_counts(channel)
+    if promise.lossless or channel.calibration is not None:
+        changed, text = to_counts(channel, search=search)
         return Gridded(changed, text, promise)
-    absolute, why = in_unit(channel, promise)
+    absolute, why = in_unit(channel, promise, search)
     if absolute is None:
-        changed, text = to_counts(channel)
+        changed, text = to_counts(channel, search=search)
         return Gridded(changed, text, Promise(why=why))
     if settings.tolerance is not None or absolute.paper:
         given = settings.tolerance or share_of(absolute, PAPER_SHARE)
-        changed, text = to_counts(channel, given)
+        changed, text = to_counts(channel, given, search)
         kept = absolute if changed.is_counts else Promise(why=text)
         return Gridded(changed, text, kept)
-    found = fine_grid(channel, absolute)
+    found = fine_grid(channel, absolute, search)
     if absolute.k or absolute.snr is not None:
         return found
     assert absolute.floor is not None
-    own = on_uniform_grid(channel, absolute.floor.value)
+    own = on_uniform_grid(channel, absolute.floor.value, search)
     if own and wider(own[0], found):
-        return Gridded(*own, absolute, fine=False)
+        finer = found if found.fine and found.channel.calibration is not None else None
+        return Gridded(*own, absolute, fine=False, finer=finer)
     return found
 
 
-def in_unit(channel: Channel, promise: Promise) -> tuple[Promise | None, str]:
+def in_unit(
+    channel: Channel, promise: Promise, search: LatticeSearch
+) -> tuple[Promise | None, str]:
     """The promise with an absolute amount; None and the reason where there is none."""
     floor = promise.floor
     assert floor is not None
@@ -104,7 +111,10 @@ def in_unit(channel: Channel, promise: Promise) -> tuple[Promise | None, str]:
     if not x.size:
         return None, "no samples"
     if floor.kind == "lsb":
-        step = channel.lsb or step_found(channel)
+        step = channel.lsb
+        if not step:
+            counted, _ = to_counts(channel, search=search)
+            step = float(abs(counted.calibration.step)) if counted.calibration else None
         if step is None:
             return None, "no step is known, so an amount in lsb does not apply"
         value: float | None = floor.absolute(0.0, step)
@@ -117,20 +127,15 @@ def in_unit(channel: Channel, promise: Promise) -> tuple[Promise | None, str]:
     return replace(promise, floor=Tolerance(value)), ""
 
 
-def step_found(channel: Channel) -> float | None:
-    counted, _ = to_counts(channel)
-    return float(abs(counted.calibration.step)) if counted.calibration else None
-
-
-def fine_grid(channel: Channel, promise: Promise) -> Gridded:
+def fine_grid(channel: Channel, promise: Promise, search: LatticeSearch) -> Gridded:
     """A grid that takes a small share of the error; without one the channel is stored as it is."""
     text = ""
     for part in FINE:
-        changed, text = to_counts(channel, share_of(promise, part))
+        changed, text = to_counts(channel, share_of(promise, part), search)
         if changed.is_counts:
             return Gridded(changed, text, promise)
     assert promise.floor is not None
-    own = on_uniform_grid(channel, promise.floor.value)
+    own = on_uniform_grid(channel, promise.floor.value, search)
     if own and not promise.k and promise.snr is None:
         return Gridded(*own, promise, fine=False)
     return Gridded(channel, text, Promise(why=text))

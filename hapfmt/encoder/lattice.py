@@ -14,9 +14,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from fractions import Fraction
+from functools import cached_property
 from itertools import chain
 from math import inf, nextafter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,6 @@ from .rational import (
     constant,
     decimal,
     dyadic,
-    fitted,
     fitted_all,
     near,
     near_steps,
@@ -114,13 +114,13 @@ _FOUR_DIGITS_DOWN = Context(prec=4, rounding=ROUND_FLOOR)
 class Lattice:
     """Counts, and the calibration that gives the values back.
 
-    counts: int64 [sample_count], below 2**31 in magnitude. exact: every float64 comes back bit for
+    counts: [sample_count], below 2**31 in magnitude. exact: every float64 comes back bit for
     bit. largest_deviation: of all samples, in the values' unit, rounded up; 0.0 where exact.
     reason: one line for the user.
     """
 
     calibration: Calibration
-    counts: NDArray[np.int64]
+    counts: NDArray[np.signedinteger[Any]]
     exact: bool
     largest_deviation: float
     reason: str
@@ -132,8 +132,8 @@ def find_lattice(x: NDArray[np.float64], *, count_bits: int = COUNT_BITS) -> Lat
     x: float64 [sample_count], any values. Counts fit ``count_bits`` signed, 2 to 32 (ParameterError
     otherwise). -0.0, infinities and NaN are on no grid.
     """
-    found = _find(_doubles(x), _checked(count_bits))
-    return found if isinstance(found, Lattice) else None
+    found = LatticeSearch(x, count_bits).bit_for_bit
+    return wide(found) if isinstance(found, Lattice) else None
 
 
 def snap_to_lattice(
@@ -150,49 +150,203 @@ def snap_to_lattice(
     times coarser. x and count_bits: as in :func:`find_lattice`. lsb: the sensor's step in the unit
     of x, where the caller knows it. Without it a tolerance in lsb needs a natural grid.
     """
-    found = _snap(_doubles(x), tolerance, lsb, _checked(count_bits))
-    return None if isinstance(found, str) else found[0]
+    found = _snap(LatticeSearch(x, count_bits), tolerance, lsb)
+    return None if isinstance(found, str) else wide(found[0])
 
 
-def to_counts(channel: Channel, tolerance: Tolerance | None = None) -> tuple[Channel, str]:
+def wide(found: Lattice) -> Lattice:
+    """With int64 counts, for those who go on computing."""
+    return replace(found, counts=found.counts.astype(np.int64))
+
+
+def to_counts(
+    channel: Channel, tolerance: Tolerance | None = None, search: LatticeSearch | None = None
+) -> tuple[Channel, str]:
     """The channel in int32 counts, exactly or within the tolerance, and one line for the user.
 
     Otherwise unchanged, as is a channel that holds counts already; the line then says why. Where
     values were rounded, ``deviation`` holds the declared tolerance in the channel's unit and the
-    largest deviation found.
+    largest deviation found. ``search``: that of the channel's values, where there is one.
     """
-    if channel.is_counts:
+    if channel.calibration is not None:
         return channel, "already in counts"
-    if not _fits_doubles(channel.stored):
-        return channel, f"stored as {channel.stored.dtype}: float64 does not hold the values"
-    x = _doubles(channel.stored)
+    values = channel.stored
+    fits = values.dtype.kind == "f" and values.dtype.itemsize <= 8
+    if values.dtype.kind in "iu":
+        fits = not values.size or max(-int(values.min()), int(values.max())) <= EXACT_LIMIT
+    if not fits:
+        return channel, f"stored as {values.dtype}: float64 does not hold the values"
+    search = search or LatticeSearch(values)
     deviation = channel.deviation
     if tolerance is None:
-        found = _find(x, COUNT_BITS)
+        found = search.bit_for_bit
         if isinstance(found, str):
-            return channel, f"stored as {channel.stored.dtype}: {found}{_hint(x, found)}"
-        found = replace(found, reason=found.reason + _hint(x, found))
+            return channel, f"stored as {values.dtype}: {found}{search.hint()}"
+        found = replace(found, reason=found.reason + search.hint())
     else:
-        snapped = _snap(x, tolerance, channel.lsb, COUNT_BITS, channel.unit)
+        snapped = _snap(search, tolerance, channel.lsb, channel.unit)
         if isinstance(snapped, str):
-            return channel, f"stored as {channel.stored.dtype}: {snapped}"
+            return channel, f"stored as {values.dtype}: {snapped}"
         found, declared = snapped
         if not found.exact:
             # The search rounds products of large values; a verifier takes the nearest count.
-            found = replace(found, counts=nearest_counts(x, found.calibration))
+            found = replace(
+                found, counts=nearest_counts(search.values, found.calibration).astype(np.int32)
+            )
             deviation = Deviation(declared, found.largest_deviation)
-    counts = found.counts.astype(np.int32)  # COUNT_BITS
-    changed = replace(channel, stored=counts, calibration=found.calibration, deviation=deviation)
+    counts, calibration = found.counts, found.calibration
+    changed = replace(channel, stored=counts, calibration=calibration, deviation=deviation)
     return changed, found.reason
 
 
-def on_uniform_grid(channel: Channel, error: float) -> tuple[Channel, str] | None:
+class LatticeSearch:
+    """The grids of some values. Each search runs once; its result is kept.
+
+    ``given``: [sample_count], any numbers. Counts have at most ``bits`` bits. The exact grid and
+    the natural step are kept. The distinct values are kept until ``forget``.
+    """
+
+    def __init__(self, values: NDArray[np.generic], bits: int = COUNT_BITS) -> None:
+        if not 2 <= bits <= COUNT_BITS:
+            raise ParameterError(f"counts have 2 to {COUNT_BITS} bits, not {bits}")
+        self.given = values
+        self.bits = bits
+        self._steps: dict[bool, Steps | None] = {}
+
+    @cached_property
+    def values(self) -> NDArray[np.float64]:
+        return np.ascontiguousarray(self.given, dtype=np.float64)
+
+    @cached_property
+    def refusal(self) -> str:
+        """Why the values are on no grid, not even nearly; or empty."""
+        x = self.values
+        if not np.isfinite(x).all():
+            return "infinities or NaN among the values"
+        if x.size and max(-x.min(), x.max()) > EXACT_LIMIT:
+            return "a value beyond 2^53; a larger unit would help"
+        return ""
+
+    @cached_property
+    def distinct(self) -> NDArray[np.float64]:
+        """Sorted, 0.0 in the place of -0.0."""
+        return np.unique(self.values + 0.0)
+
+    def forget(self) -> None:
+        """Give back the memory of what is quickly made again."""
+        self.__dict__.pop("distinct", None)
+        self.__dict__.pop("values", None)
+
+    @cached_property
+    def has_negative_zero(self) -> bool:
+        return bool((np.signbit(self.values) & (self.values == 0)).any())
+
+    @property
+    def bit_for_bit(self) -> Lattice | str:
+        """The grid that gives all values back, or why there is none."""
+        if self.has_negative_zero and not self.refusal:
+            return "negative zero, which no count represents; a tolerance would turn it into 0"
+        return self.exact
+
+    @cached_property
+    def exact(self) -> Lattice | str:
+        """The exact grid with the smallest denominator, or why there is none; 0.0 for -0.0."""
+        if self.refusal:
+            return self.refusal
+        if self.values.size == 0:
+            return Lattice(Calibration(), np.zeros(0, np.int32), True, 0.0, "exact: no samples")
+        u = self.distinct
+        if ((u != 0) & (np.abs(u) < 1 / EXACT_LIMIT)).any():
+            return "a value nearer to 0 than 2^-53"
+        best = place(constant(u), self.bits) if u.size == 1 else None
+        least = float(u[-1] - u[0]) / (1 << self.bits)
+        for enough, search in (
+            (0, dyadic),
+            (1, decimal),
+            (1, small_denominator),
+            (PLAIN_DENOMINATOR, lambda u: stepped(u, least)),
+        ):
+            if u.size == 1 or (best and best.calibration.d <= enough):
+                break
+            ratio = search(u)
+            placed = None if ratio is None else place(ratio, self.bits)
+            if placed and (best is None or placed.calibration.d < best.calibration.d):
+                best = placed
+        if best is None:
+            return "no common step"
+        z = self.values + 0.0 if self.has_negative_zero else self.values
+        lattice = _lattice(z, u, best, f"exact: {best.how}", exact=True)
+        given = lattice.calibration.physical(lattice.counts)
+        # Every sample, whatever the search promises.
+        if not np.array_equal(given.view(np.int64), z.view(np.int64)):
+            return "the step and offset found do not give every value back exactly"
+        return lattice
+
+    def steps(self, exact: Lattice | None) -> Steps | None:
+        """The natural step: any step where no grid is exact, else one SPARSE times coarser.
+
+        With an exact grid each value needs a count of its own on the natural grid. A text format
+        rounds equal counts to equal digits, so values that share a count come from the signal.
+        """
+        known = exact is None
+        if known in self._steps:
+            return self._steps[known]
+        u = self.distinct
+        least = float(u[-1] - u[0]) / (1 << self.bits)
+        found: Steps | None = None
+        if exact is None:
+            found = near_steps(u, least)
+        elif sparse(exact.counts):
+            found = near_steps(u, max(least, SPARSE * float(exact.calibration.step)))
+            found = found if found and np.diff(found.indices).all() else None
+        self._steps[known] = found
+        return found
+
+    def hint(self) -> str:
+        """The gain from a tolerance, where the values deviate from a natural grid; or empty."""
+        if self.values.size == 0 or self.refusal:
+            return ""
+        exact = self.bit_for_bit
+        steps = self.steps(exact if isinstance(exact, Lattice) else None)
+        u = self.distinct
+        found = first_near(u, _natural(u, steps, inf), inf, COUNT_BITS) if steps else None
+        if not found or found.largest_deviation == 0:
+            return ""
+        step = float(found.calibration.step)
+        enough = float(_ONE_DIGIT_UP.create_decimal(found.largest_deviation))
+        return (
+            f"; the values miss steps of {step:.6g} by little: a tolerance of {enough:g} "
+            f"({enough / step:.1g} steps) would give counts of them"
+        )
+
+    def natural_lattices(self, exact: Lattice | None) -> Iterator[Near]:
+        """Grids with small deviations from all values, the simplest first; none where there are
+        none. exact: the grid without deviations, which a natural grid must be SPARSE times coarser
+        than."""
+        if not self.values.size or self.refusal:
+            return
+        u, steps = self.distinct, self.steps(exact)
+        if steps is None:
+            return
+        noises = [steps.noise * share for share in SHARES]
+        for ratio in chain(
+            (near(u, steps, noise) for noise in noises), fitted_all(u, steps, noises)
+        ):
+            found = first_near(u, iter([ratio]), inf, COUNT_BITS)
+            if found:
+                yield found
+
+
+def on_uniform_grid(
+    channel: Channel, error: float, search: LatticeSearch | None = None
+) -> tuple[Channel, str] | None:
     """The channel in counts of the widest grid that has a value within ``error`` of each sample;
     None where no calibration holds it. The grid is the quantiser: counts cost what they are."""
-    x = _doubles(channel.stored) + 0.0
-    if not x.size or _out_of_reach(x):
+    search = search or LatticeSearch(channel.stored)
+    x = search.values
+    if not x.size or search.refusal:
         return None
-    u = np.unique(x)
+    u = search.distinct
     room = error - float(np.spacing(max(-u[0], u[-1])))
     if room <= 0:
         return None
@@ -211,25 +365,7 @@ def on_uniform_grid(channel: Channel, error: float) -> tuple[Channel, str] | Non
     return changed, lattice.reason
 
 
-def natural_lattices(u: NDArray[np.float64], exact: Lattice | None) -> Iterator[Near]:
-    """Grids with small deviations from all of u, the simplest first; none where there are none.
-
-    u: sorted distinct values, without -0.0. exact: the grid without deviations. A natural grid must
-    be SPARSE times coarser than it.
-    """
-    if u.size == 0 or _out_of_reach(u):
-        return
-    steps = _steps_beside(u, exact or "", COUNT_BITS)
-    if steps is None:
-        return
-    noises = [steps.noise * share for share in SHARES]
-    for ratio in chain((near(u, steps, noise) for noise in noises), fitted_all(u, steps, noises)):
-        found = first_near(u, iter([ratio]), inf, COUNT_BITS)
-        if found:
-            yield found
-
-
-def sparse(counts: NDArray[np.int64]) -> bool:
+def sparse(counts: NDArray[Any]) -> bool:
     """Whether counts [samples] are spread so thinly that a coarser grid may hold them."""
     if not counts.size:
         return False
@@ -237,63 +373,18 @@ def sparse(counts: NDArray[np.int64]) -> bool:
     return int(counts.max()) - int(counts.min()) >= SPARSE * np.unique(counts).size
 
 
-def _find(x: NDArray[np.float64], bits: int) -> Lattice | str:
-    """The exact grid, or why there is none."""
-    refusal = _out_of_reach(x)
-    if refusal:
-        return refusal
-    if x.size == 0:
-        return Lattice(Calibration(), np.zeros(0, np.int64), True, 0.0, "exact: no samples")
-    if (np.signbit(x) & (x == 0)).any():
-        return "negative zero, which no count represents; a tolerance would turn it into 0"
-    u = np.unique(x)
-    if ((u != 0) & (np.abs(u) < 1 / EXACT_LIMIT)).any():
-        return "a value nearer to 0 than 2^-53"
-    placed = _simplest(u, bits)
-    if placed is None:
-        return "no common step"
-    lattice = _lattice(x, u, placed, f"exact: {placed.how}", exact=True)
-    given = placed.calibration.physical(lattice.counts)
-    # Every sample, whatever the search promises.
-    if not np.array_equal(given.view(np.int64), x.view(np.int64)):
-        return "the step and offset found do not give every value back exactly"
-    return lattice
-
-
-def _simplest(u: NDArray[np.float64], bits: int) -> Placed | None:
-    """The exact grid with the smallest denominator; u as in :mod:`rational`."""
-    if u.size == 1:
-        return place(constant(u), bits)
-    best: Placed | None = None
-    for enough, search in (
-        (0, dyadic),
-        (1, decimal),
-        (1, small_denominator),
-        (PLAIN_DENOMINATOR, lambda u: stepped(u, _least_step(u, bits))),
-    ):
-        if best and best.calibration.d <= enough:
-            break
-        ratio = search(u)
-        placed = None if ratio is None else place(ratio, bits)
-        if placed and (best is None or placed.calibration.d < best.calibration.d):
-            best = placed
-    return best
-
-
 def _snap(
-    x: NDArray[np.float64], tolerance: Tolerance, lsb: float | None, bits: int, unit: str = ""
+    search: LatticeSearch, tolerance: Tolerance, lsb: float | None, unit: str = ""
 ) -> tuple[Lattice, float] | str:
     """The grid within the tolerance and the tolerance in the unit of x, or why there is none."""
-    refusal = _out_of_reach(x)
-    if refusal:
-        return refusal
-    z = x + 0.0  # -0.0 becomes 0.0
-    exact = _find(z, bits)
+    if search.refusal:
+        return search.refusal
+    x, bits, exact = search.values, search.bits, search.exact
     if x.size == 0:
         assert isinstance(exact, Lattice)
         return exact, tolerance.value
-    u = np.unique(z)
-    steps = _steps_beside(u, exact, bits)
+    u = search.distinct
+    steps = search.steps(exact if isinstance(exact, Lattice) else None)
     if lsb is not None and not 0 < lsb <= EXACT_LIMIT:
         lsb = None  # nothing that a channel with finite counts has
     step = lsb
@@ -313,7 +404,7 @@ def _snap(
         if found:
             return found, allowed
     if isinstance(exact, Lattice):
-        if (np.signbit(x) & (x == 0)).any():
+        if search.has_negative_zero:
             exact = replace(exact, exact=False, reason=f"-0.0 became 0; otherwise {exact.reason}")
         return exact, allowed
     found = _within(x, u, _grids(u, allowed, lsb), allowed, bits)
@@ -325,9 +416,9 @@ def _snap(
 def _natural(u: NDArray[np.float64], steps: Steps, allowed: float) -> Iterator[Ratio | None]:
     # The simplest first: the noise was found with any offset, and a plain one may need a little
     # more. Then as near as the tolerance asks for.
-    for search in (near, fitted):
-        for noise in (2 * steps.noise, steps.noise, min(allowed, steps.noise / 2)):
-            yield search(u, steps, noise)
+    noises = 2 * steps.noise, steps.noise, min(allowed, steps.noise / 2)
+    yield from (near(u, steps, noise) for noise in noises)
+    yield from fitted_all(u, steps, noises)
 
 
 def _grids(u: NDArray[np.float64], allowed: float, lsb: float | None) -> Iterator[Ratio | None]:
@@ -379,71 +470,8 @@ def _lattice(
     step = f"step {float(calibration.step):.10g} = {calibration.a}/{calibration.d}"
     return Lattice(
         calibration,
-        counts[np.searchsorted(u, x)],
+        counts.astype(np.int32)[np.searchsorted(u, x)],  # COUNT_BITS
         exact,
         deviation,
         f"{reason}, {step}, {bits}-bit counts",
     )
-
-
-def _steps_beside(u: NDArray[np.float64], exact: Lattice | str, bits: int) -> Steps | None:
-    """The natural step: any step where no grid is exact, else one that is SPARSE times coarser.
-
-    With an exact grid each value needs a count of its own on the natural grid. A text format rounds
-    equal counts to equal digits, so values that share a count come from the signal.
-    """
-    least = float(u[-1] - u[0]) / (1 << bits)
-    if isinstance(exact, str):
-        return near_steps(u, least)
-    if not sparse(exact.counts):
-        return None
-    steps = near_steps(u, max(least, SPARSE * float(exact.calibration.step)))
-    return steps if steps and np.diff(steps.indices).all() else None
-
-
-def _hint(x: NDArray[np.float64], exact: Lattice | str) -> str:
-    """The gain from a tolerance, where the values deviate from a natural grid; or empty."""
-    if x.size == 0 or _out_of_reach(x):
-        return ""
-    u = np.unique(x + 0.0)
-    steps = _steps_beside(u, exact, COUNT_BITS)
-    found = first_near(u, _natural(u, steps, inf), inf, COUNT_BITS) if steps else None
-    if not found or found.largest_deviation == 0:
-        return ""
-    step = float(found.calibration.step)
-    enough = float(_ONE_DIGIT_UP.create_decimal(found.largest_deviation))
-    return (
-        f"; the values miss steps of {step:.6g} by little: a tolerance of {enough:g} "
-        f"({enough / step:.1g} steps) would give counts of them"
-    )
-
-
-def _least_step(u: NDArray[np.float64], bits: int) -> float:
-    return float(u[-1] - u[0]) / (1 << bits)
-
-
-def _out_of_reach(x: NDArray[np.float64]) -> str:
-    """Why x cannot be on any grid, not even nearly; or empty."""
-    if not np.isfinite(x).all():
-        return "infinities or NaN among the values"
-    if x.size and max(-x.min(), x.max()) > EXACT_LIMIT:
-        return "a value beyond 2^53; a larger unit would help"
-    return ""
-
-
-def _doubles(x: NDArray[np.generic]) -> NDArray[np.float64]:
-    return np.ascontiguousarray(x, dtype=np.float64)
-
-
-def _fits_doubles(values: NDArray[np.generic]) -> bool:
-    if values.dtype.kind == "f":
-        return values.dtype.itemsize <= 8
-    if values.dtype.kind not in "iu":
-        return False
-    return not values.size or max(-int(values.min()), int(values.max())) <= EXACT_LIMIT
-
-
-def _checked(bits: int) -> int:
-    if not 2 <= bits <= COUNT_BITS:
-        raise ParameterError(f"counts have 2 to {COUNT_BITS} bits, not {bits}")
-    return bits

@@ -46,7 +46,7 @@ from .bounded import contract_for, scalar_ways
 from .exact import beside_counts, natural_candidate
 from .gridded import grid_within, nearest
 from .knots import Coded
-from .lattice import find_lattice, sparse
+from .lattice import LatticeSearch, sparse
 from .plan import CLOCK_LABEL, Promise, absolute_threshold, bound_promise, quantity_of
 from .predict import encode_best, encode_quick
 from .rational import shortest_fraction
@@ -398,13 +398,14 @@ def lattices(x: Doubles) -> list[LiveLattice]:
     distinct = np.unique(finite).size
     if finite.size < x.size or distinct < 2:
         return found
-    exact = find_lattice(x + 0.0)
+    search = LatticeSearch(x)
+    exact = None if isinstance(search.exact, str) else search.exact
     if exact and (distinct >= SEEN or exact.calibration.d <= PLAIN):
         found.append(LiveLattice(exact.calibration, ExactParameters()))
         if not sparse(exact.counts):
             # Nothing coarser lies under it.
             return covering(found)
-    if distinct >= SEEN and (near := natural_candidate(x, exact)):
+    if distinct >= SEEN and (near := natural_candidate(search, exact)):
         found.append(LiveLattice(near.calibration, near.parameters))
     return covering(found)
 
@@ -529,7 +530,7 @@ def encoder_after(plan: Plan, number: int, before: Track) -> ExactEncoder | Word
 
 
 FIRST, LAST = 2, 16
-"""After 2 blocks all forms are tried once more; then after twice as many each time, up to 16."""
+"""After 2 blocks all forms are tried again; then after twice as many each time, up to 16."""
 
 DESCRIPTION = 150.0
 """About the bytes of the description of a track."""

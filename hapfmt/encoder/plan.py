@@ -74,33 +74,25 @@ class Promise:
 
 
 def promises_of(recording: Recording, settings: Settings) -> list[Promise]:
-    """One promise for each channel."""
-    felt = named_felt(recording, settings)
-    return [
-        promise_of(channel, settings, felt=felt[number] if felt else None)
-        for number, channel in enumerate(recording.channels)
-    ]
-
-
-def named_felt(recording: Recording, settings: Settings) -> list[bool]:
-    """Which channels the caller calls felt; empty where the quantities decide."""
+    """One promise for each channel. The caller says which ones are felt, or their quantities do."""
+    channels = recording.channels
     if settings.felt is None:
-        return []
-    labels = [channel.label for channel in recording.channels]
-    if settings.felt == ALL:
-        return [True] * len(labels)
-    named = [False] * len(labels)
-    for name in settings.felt:
+        return [promise_of(channel, settings) for channel in channels]
+    labels = [channel.label for channel in channels]
+    felt = [settings.felt == ALL or quantity_of(channel) in WEBER_LIMITS for channel in channels]
+    for name in settings.felt if settings.felt != ALL else ():
         if name in labels:
             for number, label in enumerate(labels):
-                named[number] |= label == name
+                felt[number] |= label == name
         elif name.isdecimal() and int(name) < len(labels):
-            named[int(name)] = True
+            felt[int(name)] = True
         else:
             known = ", ".join(labels)
             raise ParameterError(f"no channel is called {name!r}; there are: {known}")
-    quantities = [quantity_of(channel) in WEBER_LIMITS for channel in recording.channels]
-    return [a or b for a, b in zip(named, quantities, strict=True)]
+    return [
+        promise_of(channel, settings, felt=each)
+        for channel, each in zip(channels, felt, strict=True)
+    ]
 
 
 def promise_of(channel: Channel, settings: Settings, *, felt: bool | None = None) -> Promise:

@@ -652,20 +652,16 @@ class Opened:
                 ]
             )
             if self.exact:
-                beside = list(self.beside(rows, first, last))
+                # The exact values of the part.
+                values = [np.ascontiguousarray(column[first:last]) for column in self.doubles]
+                beside = []
+                for place, row in enumerate(rows):
+                    rule, affine = self.rules[place], self.affines[place]
+                    lacking = lacking_of(values[place], rule, affine, row, values)
+                    beside.append(lacking.build(recall=self.recalls[place]))
                 body = build_varint(len(body)) + body
                 body += join_components(beside) if any(beside) else b""
             yield Packet(self.packet.track, start + first, last - first, body)
-
-    def beside(self, rows: Sequence[Indices], first: int, last: int) -> Iterator[bytes]:
-        """The exact values of a part."""
-        values = [np.ascontiguousarray(column[first:last]) for column in self.doubles]
-        for place, row in enumerate(rows):
-            rule, affine = self.rules[place], self.affines[place]
-            lacking = lacking_of(values[place], rule, affine, row, values)
-            data = lacking.build(recall=self.recalls[place])
-            assert data is not None
-            yield data
 
 
 @dataclass

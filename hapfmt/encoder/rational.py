@@ -14,7 +14,7 @@ few of its codes is found as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from math import floor, gcd, log2, nextafter
@@ -153,7 +153,10 @@ def near_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
         return None
     gaps = np.diff(u)
     ordered = np.sort(gaps)
-    for noise in _noises(u, ordered):
+    # From the rounding of float64, doubled to where no step is left.
+    noise = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1]))) / 2
+    while (CLEARANCE - 2) * 2 * noise <= ordered[-1]:
+        noise *= 2
         inside = int(np.searchsorted(ordered, 2 * noise, side="right"))
         outside = int(np.searchsorted(ordered, (CLEARANCE - 2) * noise))
         if inside != outside or inside == ordered.size:
@@ -175,24 +178,6 @@ def near_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
         if clear >= CHANCE_BITS:
             return Steps(low, high, np.repeat(index, ends - starts + 1), noise)
     return None
-
-
-def exact_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
-    """The step of values that may lie on a grid, up to the rounding to float64.
-
-    u: as in :func:`near_steps`, at least two.
-    """
-    noise = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1])))
-    found = common_step(u - noise, u + noise, max(floor, CLEARANCE * noise))
-    return None if found is None else Steps(*found, noise)
-
-
-def _noises(u: NDArray[np.float64], ordered: NDArray[np.float64]) -> Iterator[float]:
-    """Half-widths to try: doubling from the rounding of float64 to where no step is left."""
-    noise = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1])))
-    while (CLEARANCE - 2) * noise <= ordered[-1]:
-        yield noise
-        noise *= 2
 
 
 def _shortest(
@@ -347,16 +332,18 @@ def stepped(u: NDArray[np.float64], least: float) -> Ratio | None:
     halfway between two float64 values allow only the original step, with all its 53 bits. Other
     offsets are found if all values have about the same magnitude.
     """
-    steps = exact_steps(u, least)
-    if steps is None:
+    rounding = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1])))
+    found = common_step(u - rounding, u + rounding, max(least, CLEARANCE * rounding))
+    if found is None:
         return None
+    steps = Steps(*found, rounding)
     indices = _indices(u, u, steps)
     if indices is not None and (np.sign(indices) == np.sign(u)).all():
         ratio = _witnessed(u, indices)
         if ratio is not None:
             return ratio
     # Any number less than half an ulp away rounds to the value; 0.49 leaves room for the search.
-    ratio = fitted(u, steps, 0.49 * float(np.spacing(np.abs(u).min())))
+    ratio = next(fitted_all(u, steps, [0.49 * float(np.spacing(np.abs(u).min()))]))
     return ratio if ratio is not None and _gives(ratio, u) else None
 
 
@@ -376,14 +363,10 @@ def near(u: NDArray[np.float64], steps: Steps, noise: float) -> Ratio | None:
     return None if step is None else _scaled(indices, step, "a common step")
 
 
-def fitted(u: NDArray[np.float64], steps: Steps, noise: float) -> Ratio | None:
-    """The same with any offset: within ``noise``, or as near to that as a straight line gets."""
-    return next(fitted_all(u, steps, [noise]))
-
-
 def fitted_all(
     u: NDArray[np.float64], steps: Steps, noises: Sequence[float]
 ) -> Iterator[Ratio | None]:
+    """The same with any offset: within each noise, or as near to that as a straight line gets."""
     centre = u.size // 2
     index = steps.indices - steps.indices[centre]
     times = index.astype(np.float64)
@@ -394,13 +377,30 @@ def fitted_all(
         rest = v - times * step
         return float(rest.max() - rest.min())
 
-    best = _minimum(spread, steps.low, steps.high)
+    # Where it is smallest, by thirds: it is convex.
+    low, high = steps.low, steps.high
+    for _ in range(HALVINGS):
+        a, b = low + (high - low) / 3, high - (high - low) / 3
+        if spread(a) <= spread(b):
+            high = b
+        else:
+            low = a
+    best = low / 2 + high / 2
     middle, least = Fraction(float(u[centre])), spread(best)
     for noise in noises:
         allowed = max(2 * noise, least)
-        low = _boundary(spread, allowed, best, steps.low)
-        high = _boundary(spread, allowed, best, steps.high)
-        a, d = _simplest_between(Fraction(low), Fraction(high)).as_integer_ratio()
+        ends = []
+        for end in (steps.low, steps.high):
+            # The last step from the best towards the end that still allows it.
+            outside, inside = end, end if spread(end) <= allowed else best
+            for _ in range(HALVINGS if inside != outside else 0):
+                middle_step = inside / 2 + outside / 2
+                if spread(middle_step) <= allowed:
+                    inside = middle_step
+                else:
+                    outside = middle_step
+            ends.append(Fraction(inside))
+        a, d = _simplest_between(*ends).as_integer_ratio()
         rest = v - times * (a / d)
         low, high = float(rest.max()) - allowed / 2, float(rest.min()) + allowed / 2
         offset = _simplest_between(d * (middle + Fraction(low)), d * (middle + Fraction(high)))
@@ -440,9 +440,12 @@ def place(ratio: Ratio, bits: int) -> Placed | None:
     if 2 * phase > step:
         phase -= step
     low, high = (first - phase) // step, (last - phase) // step
+    # What is taken from the counts: nothing, or their middle, the roundest first.
+    powers = range(len(str(max(-low, high))) - 1, -1, -1)
+    shifts = [0, *(rdiv((low + high) // 2, 10**power) * 10**power for power in powers)]
     for width in sorted({min(bits, LEVELS[1].count_bits), bits}):
         limit = (1 << (width - 1)) - 1
-        for shift in _shifts(low, high):
+        for shift in shifts:
             b = phase + shift * step
             reach = max(shift - low, high - shift)
             offset = b // common
@@ -453,45 +456,12 @@ def place(ratio: Ratio, bits: int) -> Placed | None:
     return None
 
 
-def _shifts(low: int, high: int) -> Iterator[int]:
-    """What to take from counts in [low, high]: nothing, or their middle, the roundest first."""
-    yield 0
-    for power in range(len(str(max(-low, high))) - 1, -1, -1):
-        yield rdiv((low + high) // 2, 10**power) * 10**power
-
-
 def shortest_fraction(value: float) -> Fraction:
     """The simplest fraction that rounds to ``value`` > 0 in float64."""
     low, high, closed = _rounding_interval(value)
     ratio = simplest_fraction(low, high, closed, closed)
     assert ratio is not None  # the value itself lies inside
     return ratio
-
-
-def _minimum(function: Callable[[float], float], low: float, high: float) -> float:
-    """Where a convex function is smallest, by thirds."""
-    for _ in range(HALVINGS):
-        a, b = low + (high - low) / 3, high - (high - low) / 3
-        if function(a) <= function(b):
-            high = b
-        else:
-            low = a
-    return low / 2 + high / 2
-
-
-def _boundary(
-    function: Callable[[float], float], bound: float, inside: float, outside: float
-) -> float:
-    """The last place from ``inside`` towards ``outside`` where the function is within the bound."""
-    if function(outside) <= bound:
-        return outside
-    for _ in range(HALVINGS):
-        middle = inside / 2 + outside / 2
-        if function(middle) <= bound:
-            inside = middle
-        else:
-            outside = middle
-    return inside
 
 
 def _simplest_between(one: Fraction, other: Fraction) -> Fraction:

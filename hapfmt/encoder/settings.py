@@ -295,7 +295,11 @@ class Settings:
             raise ParameterError(
                 f"a preset is one of {', '.join(PRESETS)}, not {self.preset!r}{hint}"
             )
-        self._refuse_unused()
+        for name in USED_BY:
+            if getattr(self, name) != _DEFAULTS[name]:
+                refuse_unused(self.preset, name)
+        if self.preset == "perceptual" and self.texture and self.vectors == "required":
+            raise ParameterError("--vector requires --no-texture: texture is coded axis by axis")
         if self.interpolation not in INTERPOLATIONS:
             raise ParameterError(f"knots are joined by one of {', '.join(INTERPOLATIONS)}")
         if not 0 <= self.k <= 1:
@@ -313,13 +317,6 @@ class Settings:
             raise ParameterError("the quality of the texture is a positive number of dB")
         if self.cluster is not None and self.cluster <= 0:
             raise ParameterError("the cluster length must be positive")
-
-    def _refuse_unused(self) -> None:
-        for name in USED_BY:
-            if getattr(self, name) != _DEFAULTS[name]:
-                refuse_unused(self.preset, name)
-        if self.preset == "perceptual" and self.texture and self.vectors == "required":
-            raise ParameterError("--vector requires --no-texture: texture is coded axis by axis")
 
     @classmethod
     def of(cls, preset: str = "lossless", **given: Any) -> Settings:

@@ -621,7 +621,7 @@ class Pieces:
             if length <= 0:
                 # Rounding to the grid may take all of the ball.
                 return None
-            # A little further than its border, or the border is approached for ever.
+            # A little further than its border, or the border is approached without end.
             part = min(1.0, 1.05 * float(outside[at]) / length)
             point = point + (centre - point) * part
         return None

@@ -57,25 +57,16 @@ class TableRow(NamedTuple):
 
 class TableHead(NamedTuple):
     """The fields before the rows: number of rows, bytes of each field, its least value;
-    ``size``: bytes of this head."""
+    ``size``: bytes of this head, ``row_size``: of a row; ``rows_stop``: where the rows end;
+    ``table_size``: bytes from the start of the payload to the first packet."""
 
     packet_count: int
     widths: tuple[int, ...]
     least: tuple[int, ...]
     size: int
-
-    @property
-    def row_size(self) -> int:
-        return sum(self.widths) + CRC_SIZE
-
-    @property
-    def rows_stop(self) -> int:
-        return self.size + self.packet_count * self.row_size
-
-    @property
-    def table_size(self) -> int:
-        """Bytes from the start of the payload to the first packet."""
-        return self.rows_stop + CRC_SIZE
+    row_size: int
+    rows_stop: int
+    table_size: int
 
 
 def packet_crc(seed: int, count: int, row: TableRow, data: bytes) -> int:
@@ -131,7 +122,11 @@ def parse_table_head(payload: bytes, level: Level, base: int) -> TableHead:
     for _ in range(4):
         low, position = parse_varint(payload, position, base)
         least.append(low)
-    return TableHead(count, widths, tuple(least), position)
+    row_size = sum(widths) + CRC_SIZE
+    rows_stop = position + count * row_size
+    return TableHead(
+        count, widths, tuple(least), position, row_size, rows_stop, rows_stop + CRC_SIZE
+    )
 
 
 def parse_rows(payload: bytes, head: TableHead) -> Iterator[TableRow]:
@@ -161,14 +156,24 @@ def check_times(row: TableRow, level: Level, base: int) -> None:
         raise FormatError("ticks beyond 2^48", requirement="DAT-003", offset=base + row.offset)
 
 
+Table = tuple[TableHead, list[TableRow]]
+
+
 def parse_table(
-    part: bytes, size: int, tracks: Mapping[int, Track], level: Level, base: int, seed: int
-) -> tuple[TableHead, list[TableRow]]:
-    """The table of a payload of ``size`` bytes, which ``part`` begins with; every rule checked."""
-    head = parse_table_head(part, level, base)
+    part: bytes,
+    size: int,
+    tracks: Mapping[int, Track],
+    level: Level,
+    base: int,
+    seed: int,
+    known: Table | None = None,
+) -> Table:
+    """The table of a payload of ``size`` bytes, which ``part`` begins with; every rule checked.
+    ``known``: the same table, where it was parsed before."""
+    head = known[0] if known else parse_table_head(part, level, base)
     if len(part) < head.table_size:
         raise TruncatedError("the table ends early", requirement="DAT-005", offset=base + len(part))
-    rows = list(parse_rows(part, head))
+    rows = known[1] if known else list(parse_rows(part, head))
     stored = int.from_bytes(part[head.rows_stop : head.table_size], "little")
     if crc32(part[: head.rows_stop], seed) != stored:
         raise ChecksumError(
@@ -204,10 +209,16 @@ def parse_table(
 
 
 def parse_cluster(
-    payload: bytes, tracks: Mapping[int, Track], level: Level, base: int, seed: int
+    payload: bytes,
+    tracks: Mapping[int, Track],
+    level: Level,
+    base: int,
+    seed: int,
+    known: Table | None = None,
 ) -> list[Packet]:
-    """All packets of an intact DATA payload at offset ``base``; checks every rule."""
-    head, rows = parse_table(payload, len(payload), tracks, level, base, seed)
+    """All packets of an intact DATA payload at offset ``base``; checks every rule. ``known``: as
+    in :func:`parse_table`."""
+    head, rows = parse_table(payload, len(payload), tracks, level, base, seed, known)
     packets, position = [], head.table_size
     for row in rows:
         data = payload[position : position + row.size]

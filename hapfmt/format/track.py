@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NamedTuple, TypeVar
@@ -123,6 +123,10 @@ class Track:
         bound = 1 << ((level.residual_bits if self.kind == "hf" else level.count_bits) - 1)
         return -bound <= self.count_min <= self.count_max < bound
 
+    def is_orphan(self, tracks: Container[int]) -> bool:
+        """Whether this is an HF track whose base is not among the tracks."""
+        return self.kind == "hf" and self.unsupported is None and self.base not in tracks
+
     def fits(self, before: Track) -> bool:
         """Whether this track can continue another one (TRK-016)."""
         return (
@@ -179,6 +183,12 @@ def unsupported_track(track: Track, path: str | None = None) -> UnsupportedError
     )
 
 
+def taken(track: Track) -> FormatError:
+    return FormatError(
+        f"channel number of track {track.id} is taken", requirement="TRK-010", offset=track.offset
+    )
+
+
 def unlike(track: Track) -> FormatError:
     return FormatError(
         f"track {track.id} cannot continue track {track.continues}",
@@ -211,40 +221,52 @@ class TrackTable:
         )
 
     def add(self, tracks: Sequence[Track], *, damaged: bool = False) -> None:
-        """``damaged``: an HF track may have lost its base, a track the one it continues; both are
-        kept."""
+        """``damaged``: tracks may be lost, so what must hold between them is checked at the end, by
+        ``drop_strangers``."""
         for track in tracks:
             if track.id in self.tracks:
                 raise self.twice(track.id, track.offset)
-            if track.kind == "hf":
-                if track.unsupported is None and (track.base in self.tracks or not damaged):
-                    self.check_base(track)
-            elif track.continues is not None:
-                if track.unsupported is None and not damaged:
-                    self.check_continued(track)
-                self.continued.add(track.continues)
-            elif not self.channels.isdisjoint(track.channels):
-                raise FormatError(
-                    f"channel number of track {track.id} is taken",
-                    requirement="TRK-010",
-                    offset=track.offset,
-                )
+        for track in tracks:
+            if not damaged:
+                self.check(track)
+            if track.continues is not None:
+                if track.unsupported is None:
+                    self.continued.add(track.continues)
             else:
                 self.channels.update(track.channels)
             if track.kind == "hf" and track.base is not None:
                 self.bases.add(track.base)
             self.tracks[track.id] = track
 
+    def check(self, track: Track) -> None:
+        """TRK-007, 010 and 016: what must hold between a new track and those before it."""
+        id_ = track.base if track.continues is None else track.continues
+        linked = None if id_ is None else self.tracks.get(id_)
+        if track.unsupported is not None:
+            # An unknown part comes before a broken rule (clause 13).
+            return
+        alone = linked is not None and linked.unsupported is not None
+        if track.kind == "hf":
+            if not alone:
+                self.check_base(track)
+        elif track.continues is not None:
+            if not alone:
+                self.check_continued(track)
+        elif not self.channels.isdisjoint(track.channels):
+            raise taken(track)
+
     def chains(self) -> list[list[Track]]:
-        """Tracks of channels but for HF, those that continue one another together, by their ids.
+        """Tracks of channels but for HF, those that continue one another together, by their ids;
+        unsupported ones come last.
 
         They share their channel numbers, and nothing else does: so a lost one breaks no chain. One
         that does not fit can only be an unsupported one, of which nothing was checked.
         """
         chains = []
-        for first, *others in self.of_one_channel():
+        for alike in self.of_one_channel():
+            first, *others = sorted(alike, key=lambda track: track.unsupported is not None)
             chain = [first]
-            chain += [track for track in others if track.fits(first)]
+            chain += [track for track in others if track.fits(first) or first.fits(track)]
             chains.append(chain)
         return chains
 
@@ -257,33 +279,56 @@ class TrackTable:
         return list(found.values())
 
     def drop_strangers(self) -> list[FormatError]:
-        """In a damaged file: drops tracks that do not match their base or the track that they
-        continue, where these came later, or never."""
-        dropped = []
-        for alike in self.of_one_channel():
-            before: Track | None = None
-            for track in alike:
-                strange = track.continues in self.tracks
-                if before is not None:
-                    strange = strange and track.continues != before.id
-                    strange = strange or track.continues is None or not track.fits(before)
-                if strange:
-                    del self.tracks[track.id]
-                    dropped.append(unlike(track))
-                else:
-                    before = track
+        """In a damaged file: drops tracks that do not fit those that are left with smaller ids
+        (SPEC 14.1)."""
+        dropped: list[FormatError] = []
+        last: dict[int, Track] = {}
+        owned: set[int] = set()
+        supported: set[int] = set()
         self.bases.clear()
-        for track in [track for track in self.tracks.values() if track.kind == "hf"]:
+        tracks = [self.tracks[id_] for id_ in sorted(self.tracks)]
+        for track in [track for track in tracks if track.kind not in ("hf", "events")]:
+            error = self.stranger(track, last.get(track.first_channel), owned, supported)
+            if error is not None:
+                del self.tracks[track.id]
+                dropped.append(error)
+                continue
+            owned.update(track.channels)
+            if track.unsupported is None:
+                supported.update(track.channels)
+                last[track.first_channel] = track
+        for track in [track for track in tracks if track.kind == "hf"]:
             try:
-                if track.unsupported is None and track.base in self.tracks:
+                if track.unsupported is None and self.knows(track.base):
                     self.check_base(track)
             except FormatError as error:
                 del self.tracks[track.id]
                 dropped.append(error)
                 continue
-            if track.base is not None:
+            if track.unsupported is None and track.base is not None:
                 self.bases.add(track.base)
         return dropped
+
+    def knows(self, id_: int | None) -> bool:
+        """Whether the track is there and supported: to others, one that is not is like a lost
+        one."""
+        track = self.tracks.get(-1 if id_ is None else id_)
+        return track is not None and track.unsupported is None
+
+    def stranger(
+        self, track: Track, before: Track | None, owned: set[int], supported: set[int]
+    ) -> FormatError | None:
+        """Why a track does not fit ``before``, the last supported one with its first channel."""
+        if track.unsupported is not None:
+            free = track.continues is not None or owned.isdisjoint(track.channels)
+            return None if free else taken(track)
+        if before is not None and track.continues is not None:
+            other = self.knows(track.continues) and track.continues != before.id
+            return unlike(track) if other or not track.fits(before) else None
+        if self.knows(track.continues):
+            return unlike(track)
+        numbers = owned if track.continues is None else supported
+        return None if numbers.isdisjoint(track.channels) else taken(track)
 
     def check_continued(self, track: Track) -> None:
         before = self.tracks.get(-1 if track.continues is None else track.continues)
@@ -318,70 +363,6 @@ FLOOR_LIMIT = 1 << 32
 VECTOR, GUARANTEED = 1, 2
 
 
-class Cursor:
-    """Reads a value from its first byte on; ``place`` is the offset in the file."""
-
-    def __init__(self, value: bytes, offset: int) -> None:
-        self.value = value
-        self.offset = offset
-        self.position = 0
-
-    @property
-    def place(self) -> int:
-        return self.offset + self.position
-
-    @property
-    def left(self) -> int:
-        return len(self.value) - self.position
-
-    def varint(self) -> int:
-        number, self.position = parse_varint(self.value, self.position, self.offset)
-        return number
-
-    def svarint(self) -> int:
-        number, self.position = parse_svarint(self.value, self.position, self.offset)
-        return number
-
-    def take(self, size: int) -> bytes:
-        if size > self.left:
-            raise TruncatedError(
-                "a list ends within an entry", requirement="TLV-004", offset=self.place
-            )
-        self.position += size
-        return self.value[self.position - size : self.position]
-
-    def end(self) -> None:
-        if self.left:
-            raise FormatError(
-                "bytes left over after a list", requirement="TLV-004", offset=self.place
-            )
-
-
-def entries_of(value: bytes, offset: int, parse: Callable[[Cursor], T]) -> Iterator[T]:
-    """Entries to the end of the value."""
-    cursor = Cursor(value, offset)
-    while cursor.left:
-        yield parse(cursor)
-
-
-# TLV 3
-
-
-def build_calibration(affine: Affine) -> bytes:
-    return build_svarint(affine.a) + build_svarint(affine.b) + build_varint(affine.d)
-
-
-def parse_calibration(cursor: Cursor) -> Affine:
-    at = cursor.place
-    affine = Affine(cursor.svarint(), cursor.svarint(), cursor.varint())
-    if not affine.d or not affine.a or max(abs(affine.a), abs(affine.b)) >= AFFINE_LIMIT:
-        raise FormatError("calibration out of its bounds", requirement="VAL-001", offset=at)
-    return affine
-
-
-# TLV 16
-
-
 def build_contract(contract: Contract) -> bytes:
     flags = contract.vector * VECTOR | contract.guaranteed * GUARANTEED
     out = build_varint(contract.kd) + build_varint(contract.kn) + bytes([flags])
@@ -392,10 +373,22 @@ def build_contract(contract: Contract) -> bytes:
 
 def parse_contract(value: bytes, offset: int, size: int) -> Contract:
     """The error bounds of a track with ``size`` components."""
-    cursor = Cursor(value, offset)
-    kd, kn, flags = cursor.varint(), cursor.varint(), cursor.take(1)[0]
-    pairs = [(cursor.varint(), cursor.svarint()) for _ in range(size)]
-    cursor.end()
+    kd, position = parse_varint(value, 0, offset)
+    kn, position = parse_varint(value, position, offset)
+    if position == len(value):
+        raise TruncatedError(
+            "a list ends within an entry", requirement="TLV-004", offset=offset + position
+        )
+    flags, position = value[position], position + 1
+    pairs: list[tuple[int, int]] = []
+    for _ in range(size):
+        floor, position = parse_varint(value, position, offset)
+        zero, position = parse_svarint(value, position, offset)
+        pairs.append((floor, zero))
+    if position < len(value):
+        raise FormatError(
+            "bytes left over after a list", requirement="TLV-004", offset=offset + position
+        )
     fits = kd and max(kn, kd) < FRACTION_LIMIT and flags <= VECTOR | GUARANTEED
     fits = fits and all(1 <= floor < FLOOR_LIMIT for floor, _ in pairs)
     if not fits or any(not -ZERO_LIMIT <= zero < ZERO_LIMIT for _, zero in pairs):
@@ -410,9 +403,6 @@ def parse_contract(value: bytes, offset: int, size: int) -> Contract:
         tuple(floor for floor, _ in pairs),
         tuple(zero for _, zero in pairs),
     )
-
-
-# TLV 18
 
 
 def round_up(x: float) -> float:
@@ -431,12 +421,33 @@ def build_deviation(deviation: tuple[float, float] | None) -> bytes:
     return DEVIATION.build(declared=round_up(declared), largest=round_up(largest))
 
 
-def parse_deviation(cursor: Cursor) -> tuple[float, float] | None:
-    at = cursor.place
-    raw = DEVIATION.read(cursor.take(DEVIATION.size))
-    if not (math.isfinite(raw.declared) and 0 <= raw.largest <= raw.declared):
-        raise FormatError("deviation above the declared one", requirement="TLV-005", offset=at)
-    return (raw.declared, raw.largest) if raw.declared else None
+def parse_calibrations(value: bytes, offset: int) -> list[Affine]:
+    """TLV 3."""
+    found: list[Affine] = []
+    position = 0
+    while position < len(value):
+        at = offset + position
+        a, position = parse_svarint(value, position, offset)
+        b, position = parse_svarint(value, position, offset)
+        d, position = parse_varint(value, position, offset)
+        if not d or not a or max(abs(a), abs(b)) >= AFFINE_LIMIT:
+            raise FormatError("calibration out of its bounds", requirement="VAL-001", offset=at)
+        found.append(Affine(a, b, d))
+    return found
+
+
+def parse_deviations(value: bytes, offset: int) -> list[tuple[float, float] | None]:
+    """TLV 18."""
+    found: list[tuple[float, float] | None] = []
+    for position in range(0, len(value), DEVIATION.size):
+        at = offset + position
+        if position + DEVIATION.size > len(value):
+            raise TruncatedError("a list ends within an entry", requirement="TLV-004", offset=at)
+        raw = DEVIATION.read(value, position)
+        if not (math.isfinite(raw.declared) and 0 <= raw.largest <= raw.declared):
+            raise FormatError("deviation above the declared one", requirement="TLV-005", offset=at)
+        found.append((raw.declared, raw.largest) if raw.declared else None)
+    return found
 
 
 PARAMETERS, LABEL, CALIBRATIONS, UNIT, QUANTITY, AXIS, GROUP = 1, 2, 3, 4, 6, 8, 10
@@ -493,7 +504,18 @@ def build_track(track: Track) -> bytes:
     if track.parameters:
         values[PARAMETERS] = track.parameters
     if track.base is None:
-        values |= build_described(track.components)
+        calibrations = share([component.calibration for component in track.components])
+        if list(calibrations) != [IDENTITY]:
+            values[CALIBRATIONS] = b"".join(
+                build_svarint(a) + build_svarint(b) + build_varint(d) for a, b, d in calibrations
+            )
+        for type_, name in STRINGS.items():
+            items = [getattr(component, name) for component in track.components]
+            if any(item != getattr(Component, name) for item in items):
+                values[type_] = build_strings(items)
+        deviations = share([component.deviation for component in track.components])
+        if any(deviations):
+            values[DEVIATIONS] = b"".join(map(build_deviation, deviations))
     if track.contract:
         values[CONTRACT] = build_contract(track.contract)
     if track.provenance:
@@ -515,22 +537,6 @@ def build_track(track: Track) -> bytes:
         linked=NO_TRACK if linked is None else linked,
     )
     return fixed + build_tlvs(values)
-
-
-def build_described(components: Sequence[Component]) -> dict[int, bytes]:
-    """What is listed per component."""
-    values = {}
-    calibrations = share([component.calibration for component in components])
-    if list(calibrations) != [IDENTITY]:
-        values[CALIBRATIONS] = b"".join(map(build_calibration, calibrations))
-    for type_, name in STRINGS.items():
-        items = [getattr(component, name) for component in components]
-        if any(item != getattr(Component, name) for item in items):
-            values[type_] = build_strings(items)
-    deviations = share([component.deviation for component in components])
-    if any(deviations):
-        values[DEVIATIONS] = b"".join(map(build_deviation, deviations))
-    return values
 
 
 def parse_description(payload: bytes, first_id: int, level: Level, offset: int) -> list[Track]:
@@ -596,7 +602,6 @@ def parse_tracks(
         track = parse_track(raw, tlvs, id_, base + start, offset)
         if track.unsupported is None:
             check_kind(track, tlvs, level, base + start)
-            check_exact(track, base + start)
         yield track
 
 
@@ -617,24 +622,29 @@ def parse_track(raw: Any, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
         )
     linked = None if raw.linked == NO_TRACK else raw.linked
     continues = kind in ("full", "lf")
-    contract_at, contract = tlvs.get(CONTRACT, (0, None))
-    text_at, text = tlvs.get(PROVENANCE, (0, b""))
+    unsupported = find_unsupported(raw, tlvs)
+    described = TrackTlvs((Component(),) * size)
+    try:
+        described = parse_described(tlvs, size)
+    except FormatError:
+        if unsupported is None:
+            raise
     return Track(
         id=id_,
         kind=kind,
         codec=raw.codec.decode("latin-1"),
         rate=Fraction(raw.rate_num, raw.rate_den),
         first_channel=raw.first_channel,
-        components=tuple(parse_components(tlvs, size)),
+        components=described.components,
         parameters=tlvs.get(PARAMETERS, (0, b""))[1],
         number_format=format_,
         count_min=raw.count_min,
         count_max=raw.count_max,
         base=None if continues else linked,
         continues=linked if continues else None,
-        contract=None if contract is None else parse_contract(contract, contract_at, size),
-        provenance=parse_text(text, text_at),
-        unsupported=find_unsupported(raw, tlvs),
+        contract=described.contract,
+        provenance=described.provenance,
+        unsupported=unsupported,
         unknown=tuple((type_, value) for type_, (_, value) in tlvs.items() if type_ not in KNOWN),
         offset=offset,
     )
@@ -665,7 +675,7 @@ def check_range(track: Track, level: Level, offset: int) -> None:
 
 
 def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
-    """TRK-005 to TRK-007, TRK-009 and TRK-019, as far as the track tells."""
+    """TRK-005 to TRK-007, TRK-009, TRK-019 and VAL-001, as far as the track tells."""
     check_range(track, level, offset)
     low, high, hf = track.count_min, track.count_max, track.kind == "hf"
     if track.kind == "events" or track.codec == "EVNT":
@@ -681,16 +691,17 @@ def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
         )
     if words and track.contract is not None:
         raise FormatError("an error bound on words", requirement="TRK-006", offset=offset)
-    if hf and track.base is None:
-        raise FormatError(
-            "HF track without a base track",
-            requirement="TRK-007",
-            offset=offset + TRACK.offsets["linked"],
-        )
     if hf and INHERITED & tlvs.keys():
         raise FormatError(
             "HF track describes what it has from its base", requirement="TRK-009", offset=offset
         )
+    for a, b, _ in {component.calibration for component in track.components}:
+        if max(max(abs(end * a), abs(end * a + b)) for end in (low, high)) > EXACT_LIMIT:
+            raise FormatError(
+                "count * A + B above 2^53 within the declared range",
+                requirement="VAL-001",
+                offset=offset,
+            )
 
 
 def check_events(track: Track, tlvs: Tlvs, offset: int) -> None:
@@ -714,27 +725,31 @@ def check_events(track: Track, tlvs: Tlvs, offset: int) -> None:
         )
 
 
-def check_exact(track: Track, offset: int) -> None:
-    """VAL-001."""
-    ends = (track.count_min, track.count_max)
-    for a, b, _ in {component.calibration for component in track.components}:
-        if max(max(abs(end * a), abs(end * a + b)) for end in ends) > EXACT_LIMIT:
-            raise FormatError(
-                "count * A + B above 2^53 within the declared range",
-                requirement="VAL-001",
-                offset=offset,
-            )
+class TrackTlvs(NamedTuple):
+    """What the TLVs say of a track."""
+
+    components: tuple[Component, ...]
+    contract: Contract | None = None
+    provenance: str = ""
+
+
+def parse_described(tlvs: Tlvs, size: int) -> TrackTlvs:
+    components = tuple(parse_components(tlvs, size))
+    contract_at, contract = tlvs.get(CONTRACT, (0, None))
+    text_at, text = tlvs.get(PROVENANCE, (0, b""))
+    parsed = None if contract is None else parse_contract(contract, contract_at, size)
+    return TrackTlvs(components, parsed, parse_text(text, text_at))
 
 
 def parse_components(tlvs: Tlvs, count: int) -> Iterator[Component]:
     calibrations: Sequence[Affine] = [IDENTITY] * count
     if CALIBRATIONS in tlvs:
         offset, value = tlvs[CALIBRATIONS]
-        calibrations = spread(list(entries_of(value, offset, parse_calibration)), count, offset)
+        calibrations = spread(parse_calibrations(value, offset), count, offset)
     deviations: Sequence[tuple[float, float] | None] = [None] * count
     if DEVIATIONS in tlvs:
         offset, value = tlvs[DEVIATIONS]
-        deviations = spread(list(entries_of(value, offset, parse_deviation)), count, offset)
+        deviations = spread(parse_deviations(value, offset), count, offset)
     strings = {
         name: parse_strings(tlvs[type_][1], count, tlvs[type_][0]) if type_ in tlvs else None
         for type_, name in STRINGS.items()

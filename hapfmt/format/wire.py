@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
+from zlib import crc32
 
 from ..errors import ChecksumError, FormatError, ParameterError, UnsupportedError
-from ..limits import LEVELS, Level
+from ..limits import LEVELS
 from .layout import CHUNK_HEADER, HEAD, SIGNATURE, SYNC, TLV
 
 T = TypeVar("T")
@@ -156,10 +156,6 @@ __all__ = [
 ]
 
 
-def crc32(data: bytes, start: int = 0) -> int:
-    return zlib.crc32(data, start)
-
-
 def check_file_id(file_id: int | None) -> None:
     if file_id is not None and not 0 <= file_id < FILE_ID_LIMIT:
         raise ParameterError("the file id must be between 0 and 2^64 - 1")
@@ -172,12 +168,12 @@ def id_text(file_id: int) -> str:
 
 def seed_of(file_id: int) -> int:
     """Where a file CRC starts: the CRC-32 of the file id (SPEC clause 2)."""
-    return zlib.crc32(file_id.to_bytes(8, "little"))
+    return crc32(file_id.to_bytes(8, "little"))
 
 
 def cluster_seed(file_id: int, sequence: int) -> int:
     """Where a cluster CRC starts: the file CRC of the sequence number (SPEC 6.4)."""
-    return zlib.crc32(sequence.to_bytes(8, "little"), seed_of(file_id))
+    return crc32(sequence.to_bytes(8, "little"), seed_of(file_id))
 
 
 @dataclass(frozen=True)
@@ -276,10 +272,6 @@ class Head:
     incompat: int = 0
     compat: int = 0
 
-    @property
-    def limits(self) -> Level:
-        return LEVELS[self.level]
-
     def build(self) -> bytes:
         known = self.epoch_ns is not None
         return HEAD.build(
@@ -302,7 +294,7 @@ def parse_head(payload: bytes, offset: int) -> Head:
     raw = HEAD.read(payload[: HEAD.size].ljust(HEAD.size, b"\0"))
     if payload and raw.major != MAJOR:
         raise UnsupportedError(f"major version {raw.major}", requirement="VER-001", offset=offset)
-    if raw.incompat & ~KNOWN_INCOMPAT:
+    if len(payload) >= places["compat"] and raw.incompat & ~KNOWN_INCOMPAT:
         raise UnsupportedError(
             f"incompatible feature bits {raw.incompat:#x}",
             requirement="VER-001",
@@ -314,14 +306,14 @@ def parse_head(payload: bytes, offset: int) -> Head:
         )
     if len(payload) < HEAD.size:
         HEAD.parse(payload, 0, "HED-002", offset)
-    if raw.reserved:
-        raise FormatError(
-            "reserved byte is not 0", requirement="HED-005", offset=offset + places["reserved"]
-        )
     unknown = [t for t in parse_tlvs(payload, HEAD.size, offset) if t % 2]
     if unknown:
         raise UnsupportedError(
             f"critical TLV {unknown[0]} in HEAD", requirement="TLV-003", offset=offset
+        )
+    if raw.reserved:
+        raise FormatError(
+            "reserved byte is not 0", requirement="HED-005", offset=offset + places["reserved"]
         )
     known = raw.epoch_uncertainty_ns != UNKNOWN_EPOCH
     return Head(

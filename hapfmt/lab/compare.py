@@ -138,7 +138,7 @@ class Comparison:
 
 
 class ChannelPair:
-    """Takes the parts of one channel of both as they come."""
+    """Compares one channel of both recordings, part by part."""
 
     def __init__(self, a: Described, b: Described, view: ChannelView | None, room: int) -> None:
         self.a, self.b, self.room = a, b, room
@@ -156,7 +156,7 @@ class ChannelPair:
 
     def add(self, a: Channel, b: Channel) -> None:
         if self.builder is not None:
-            # A is the original, B what is drawn against it.
+            # A is the original of the view of B.
             self.builder.add_pair(b, a)
         x, y = a.samples(), b.samples()
         self.signal.add(x)
@@ -298,7 +298,7 @@ def alone(a: Parts, i: int | None, b: Parts, j: int | None) -> Comparison:
 
 
 def alike(one: str, two: str) -> bool:
-    """The same unit, or one that is not known."""
+    """True if two units are equal, or one is unknown."""
     return one == two or not {one, two}.isdisjoint(("", "1"))
 
 

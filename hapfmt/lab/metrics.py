@@ -149,7 +149,7 @@ def st_sim(f: NDArray[Any], y: NDArray[Any], rate_hz: float | Fraction) -> float
     reference, distorted = (_texture_8khz(x, rate_hz) for x in (a, b))
     if not (np.any(reference) and np.any(distorted)):
         return float(np.any(reference) == np.any(distorted))
-    # A silent block has the spectrum -inf dB, which the measure takes in its stride.
+    # A silent block has the spectrum -inf dB, which the measure allows.
     with np.errstate(divide="ignore"):
         similarity = measure(distorted, reference, eta=ST_SIM_EXPONENT)
     return 0.0 if isinstance(similarity, complex) else float(similarity)
@@ -194,7 +194,7 @@ def _scaled(f: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[np.float64], NDAr
 
 
 def _rms(x: NDArray[np.float64]) -> float:
-    """Root mean square of all elements, whatever their size; 0 of none."""
+    """Root mean square of all elements of any size; 0 without elements."""
     largest = float(np.max(np.abs(x), initial=0.0))
     return (
         largest * float(np.sqrt(np.mean((x / largest) ** 2))) if 0 < largest < np.inf else largest

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple, Protocol
@@ -121,14 +121,6 @@ class Parts(Protocol):
     def close(self) -> None: ...
 
 
-def in_parts(
-    parts: Parts, start: Fraction, stop: Fraction
-) -> Iterator[tuple[Fraction, Fraction, list[ChannelPart]]]:
-    edges = parts.edges(start, stop)
-    for a, b in zip(edges, edges[1:], strict=False):
-        yield a, b, parts.part(a, b)
-
-
 class RecordingParts:
     """Parts of a recording in memory; ``places``: the channels, None: all."""
 
@@ -210,7 +202,7 @@ class FileParts:
         catalogue = self.reader.catalogue
         assembly = self.reader.assembly(self.refs, start, stop)
         if self.reader.catalogue is not catalogue:
-            # The index was false, and the file was walked instead: once more, with what that found.
+            # The index was wrong, so the file was walked: read again, with the chunks found.
             self.refs = self.reader.select([ref.number for ref in self.refs])
             assembly = self.reader.assembly(self.refs, start, stop)
         # If a pass has found the missing spans, parts add only packets that fail to decode.

@@ -6,14 +6,14 @@ It learns one chunk after another as they are found. It decodes nothing and does
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
 from ..errors import HARMLESS, FormatError, TruncatedError, UnsupportedError, verdict_of
-from ..format.cluster import parse_rows, parse_table_head
+from ..format.cluster import Table, TableRow, parse_rows, parse_table_head
 from ..format.extras import (
     FIRST_OFFSET,
     NS_LIMIT,
@@ -36,6 +36,10 @@ from ..limits import LEVELS, Level, Limits
 T = TypeVar("T")
 COMPONENT_SIZE = 1 << 10
 """Bytes of a description that count as a component."""
+
+
+KEPT_ROWS = 1 << 14
+"""Rows of tables that are kept: about 6 MB. Further tables are parsed again when they are read."""
 
 
 class FalseIndexError(FormatError):
@@ -142,6 +146,8 @@ class Catalogue:
     unknown: list[ChunkHeader] = field(default_factory=list)
     unsupported: UnsupportedError | None = None
     foot: Foot | None = None
+    ended: bool = False
+    """Whether the last chunk is an intact fOOT, even one that breaks a rule."""
     indexed: bool = False
     tolerant: bool = False
     """Whether a broken rule counts as damage in a file without any other."""
@@ -149,6 +155,9 @@ class Catalogue:
     head_payload: bytes = b""
     component_count: int = 0
     metadata_size: int = 0
+    tables: dict[int, Table] = field(default_factory=dict)
+    """Tables of DATA chunks by their offsets, so that a reader parses each once."""
+    kept_rows: int = 0
 
     @property
     def tracks(self) -> dict[int, Track]:
@@ -176,7 +185,7 @@ class Catalogue:
 
     @property
     def closed(self) -> bool:
-        return self.foot is not None
+        return self.foot is not None or self.ended
 
     @property
     def data(self) -> list[ChunkRef]:
@@ -198,10 +207,14 @@ class Catalogue:
 
     @property
     def parts(self) -> list[tuple[TrackPair, ...]]:
-        """Tracks that continue one another together, each with its HF track."""
+        """Tracks that continue one another together, each with its HF track. An unsupported track
+        counts as lost to its HF track (SPEC 6.3)."""
         residuals = {track.base: track for track in self.tracks.values() if track.kind == "hf"}
         return [
-            tuple(TrackPair(track, residuals.get(track.id)) for track in chain)
+            tuple(
+                TrackPair(track, None if track.unsupported else residuals.get(track.id))
+                for track in chain
+            )
             for chain in self.table.chains()
         ]
 
@@ -227,7 +240,7 @@ class Catalogue:
         size = 0
         for name, attachment, offset in self.named_attachments():
             size += len(attachment.content)
-            self.limits.check_attachments(size, offset)
+            self.limits.check("attachments", size, offset)
             found[name] = attachment
         return found
 
@@ -285,7 +298,7 @@ class Catalogue:
             if chunk is None or not chunk.intact or not chunk.header.known:
                 continue
             self.metadata_size += len(chunk.payload)
-            self.limits.check_metadata(self.metadata_size, chunk.payload_offset)
+            self.limits.check("metadata", self.metadata_size, chunk.payload_offset)
             try:
                 track = self.observed_track(chunk)
                 yield parse(chunk.payload, track, chunk.payload_offset)
@@ -296,7 +309,7 @@ class Catalogue:
                 self.lose("bad-chunk", chunk.offset, size, f"{type_} chunk: {error.message}", rule)
 
     def observed_track(self, chunk: Chunk) -> int | None:
-        """The track whose ticks a clock chunk speaks of (CLK-005)."""
+        """The track whose ticks a clock chunk refers to (CLK-005)."""
         id_ = chunk.header.track
         track = self.tracks.get(id_)
         known = track and track.kind != "events" and (self.damaged or track.offset < chunk.offset)
@@ -327,7 +340,7 @@ class Catalogue:
 
     def check_records(self) -> None:
         """Check that the limits allow another chunk or finding."""
-        self.limits.check_records(len(self.chunks) + len(self.findings) + 1)
+        self.limits.check("records", len(self.chunks) + len(self.findings) + 1)
 
     def learn(self, chunk: Chunk) -> ChunkRef | None:
         """Learn the contents of an intact chunk; of a DATA chunk, only its place in time."""
@@ -344,12 +357,18 @@ class Catalogue:
             self.level.check("payload_size", header.payload_size, "LIM-001", chunk.offset)
             return None
         if header.type == "HEAD":
-            self.learn_head(chunk)
+            if self.head is None:
+                if chunk.offset != FIRST_OFFSET and not self.damaged:
+                    raise FormatError(
+                        "HEAD is not the first chunk", requirement="HED-001", offset=chunk.offset
+                    )
+                self.head = parse_head(chunk.payload, offset)
+                self.head_payload = chunk.payload
+            elif chunk.payload != self.head_payload:
+                raise FormatError(
+                    "a second, different HEAD", requirement="HED-001", offset=chunk.offset
+                )
             return None
-        if self.head is None and not self.damaged:
-            raise FormatError(
-                "the first chunk is not HEAD", requirement="HED-001", offset=chunk.offset
-            )
         self.level.check("payload_size", header.payload_size, "LIM-001", chunk.offset)
         if header.type == "TRAK":
             if self.table.is_new(header.track, chunk.payload, offset):
@@ -358,11 +377,11 @@ class Catalogue:
                 # Few bytes of DEFLATE can describe a component with many.
                 weight = max(weight, described_size(chunk.payload) // COMPONENT_SIZE)
                 self.component_count += weight
-                self.limits.check_components(self.component_count)
+                self.limits.check("components", self.component_count)
                 self.table.add(tracks, damaged=self.damaged)
         elif header.type == "mETa":
             self.metadata_size += len(chunk.payload)
-            self.limits.check_metadata(self.metadata_size, offset)
+            self.limits.check("metadata", self.metadata_size, offset)
             self.metadata.update(parse_metadata(chunk.payload, offset))
         elif header.type == "fOOT":
             self.foot = parse_foot(chunk.payload, offset, moved=self.damaged)
@@ -373,19 +392,6 @@ class Catalogue:
             )
         return None
 
-    def learn_head(self, chunk: Chunk) -> None:
-        if self.head is None:
-            if chunk.offset != FIRST_OFFSET and not self.damaged:
-                raise FormatError(
-                    "HEAD is not the first chunk", requirement="HED-001", offset=chunk.offset
-                )
-            self.head = parse_head(chunk.payload, chunk.payload_offset)
-            self.head_payload = chunk.payload
-        elif chunk.payload != self.head_payload:
-            raise FormatError(
-                "a second, different HEAD", requirement="HED-001", offset=chunk.offset
-            )
-
     def time_range(self, chunk: Chunk) -> tuple[int, int] | tuple[None, None]:
         """Nanoseconds from the earliest sample to the end of the latest of an intact DATA chunk.
 
@@ -393,7 +399,12 @@ class Catalogue:
         """
         table = parse_table_head(chunk.payload, self.level, chunk.payload_offset)
         first = last = None
-        for row in parse_rows(chunk.payload, table):
+        rows: Iterable[TableRow] = parse_rows(chunk.payload, table)
+        if self.kept_rows + table.packet_count <= KEPT_ROWS:
+            self.tables[chunk.offset] = table, list(rows)
+            rows = self.tables[chunk.offset][1]
+            self.kept_rows += len(self.tables[chunk.offset][1])
+        for row in rows:
             track = self.tracks.get(row.track)
             if track is None:
                 if self.damaged:

@@ -1,4 +1,4 @@
-"""Clock observations -> a map from ticks to the other clock, where somebody asks for one.
+"""Clock observations -> a map from ticks to the other clock.
 
 Observations are noisy: the transport delays time stamps, and clocks drift or are set. A reader
 makes such a map only on request.

@@ -44,7 +44,9 @@ class Timeline:
                 continue
             try:
                 index = parse_index(chunk.payload, ANYWHERE, chunk.payload_offset)
-            except FormatError:
+            except FormatError as error:
+                message, rule = f"iNDX chunk: {error.message}", error.requirement or "IDX-002"
+                catalogue.lose("bad-chunk", ref.offset, chunk.stop - chunk.offset, message, rule)
                 continue
             self.listed |= dict(enumerate(index.entries, index.first_sequence))
         self.found = sorted({ref.sequence for ref in catalogue.chunks if ref.sequence is not None})

@@ -71,7 +71,14 @@ class TrackDecoder:
             if track.codec == "LPCR":
                 return LpcParameters.parse(track.parameters, self.level, track.offset)
             if track.codec == "LPCX":
-                return self.parse_exact()
+                lossy = track.contract or any(c.deviation for c in track.components)
+                if track.kind != "full" or lossy:
+                    raise FormatError(
+                        "exact values in a track that is not lossless",
+                        requirement="EXA-001",
+                        offset=track.offset,
+                    )
+                return parse_parameters(track.parameters, len(track.components), track.offset)
             return RawParameters.parse(track.parameters, track.number_format, track.offset)
         except HapfmtError as error:
             raise error.at(path=self.path) from None
@@ -80,19 +87,8 @@ class TrackDecoder:
         try:
             return codebook_of(self.track.parameters, self.level)
         except HapfmtError:
-            # Once more, to tell the place.
+            # Decode again, to report the place.
             return QuanParameters.parse(self.track.parameters, self.level, self.track.offset)
-
-    def parse_exact(self) -> Exact:
-        track = self.track
-        lossy = track.contract or any(c.deviation for c in track.components)
-        if track.kind != "full" or lossy:
-            raise FormatError(
-                "exact values in a track that is not lossless",
-                requirement="EXA-001",
-                offset=track.offset,
-            )
-        return parse_parameters(track.parameters, len(track.components), track.offset)
 
     def decode_exact(self, packet: Packet, counts: NDArray[np.int32]) -> NDArray[np.float64] | None:
         """The source's doubles [span, components], for the counts that ``decode`` gave of the same
@@ -191,6 +187,7 @@ class DecodedPiece(NamedTuple):
     """One decoded packet: numbers [ticks, components] from tick ``start`` on, or events of a layer.
 
     exact: the source's doubles, of the same shape, if the packet has them and they were requested.
+    They are NaN if they break a rule; ``fault`` tells which one (EXA-006).
     """
 
     track: Track
@@ -200,6 +197,7 @@ class DecodedPiece(NamedTuple):
     events: Sequence[CodedEvent] = ()
     offset: int = 0
     """Offset of the packet in the file."""
+    fault: FormatError | None = None
 
     @property
     def digested(self) -> NDArray[Any]:
@@ -228,11 +226,17 @@ class PieceDecoder:
             events = [e for e in decoder.decode_events(packet) if first <= e.tick < last]
             return DecodedPiece(decoder.track, packet.start, NOTHING, None, events, packet.offset)
         numbers = decoder.decode(packet)
-        doubles = decoder.decode_exact(packet, numbers) if self.exact else None
+        doubles: NDArray[np.float64] | None = None
+        fault = None
+        try:
+            doubles = decoder.decode_exact(packet, numbers) if self.exact else None
+        except FormatError as error:
+            # The counts hold all the same.
+            doubles, fault = np.full(numbers.shape, np.nan), error
         a, b = max(first - packet.start, 0), min(last - packet.start, packet.span)
         doubles = None if doubles is None else doubles[a:b]
         return DecodedPiece(
-            decoder.track, packet.start + a, numbers[a:b], doubles, (), packet.offset
+            decoder.track, packet.start + a, numbers[a:b], doubles, (), packet.offset, fault
         )
 
 
@@ -286,10 +290,6 @@ class Decoded:
             return np.zeros((0, len(self.track.components)), dtype)
         return joined
 
-    def exact(self) -> NDArray[np.float64] | None:
-        """[samples, components], or None where the counts are all there is."""
-        return self.doubles.joined()
-
 
 def sum_of(lf: Track, d: NDArray[Any], e: NDArray[Any]) -> NDArray[np.int32]:
     """d + e^, clamped to the range of the LF track (DEC-001)."""
@@ -327,7 +327,7 @@ def build_channel(
     decoded: Decoded, index: int, component: Component, *, hf_only: bool = False
 ) -> Channel:
     """The channel of component ``index``; ``component`` is its description in the base track."""
-    counts, exact = decoded.track.number_format == "counts", decoded.exact()
+    counts, exact = decoded.track.number_format == "counts", decoded.doubles.joined()
     a, b, d = component.calibration
     deviation = Deviation(*component.deviation) if component.deviation else None
     return Channel(
@@ -414,8 +414,8 @@ class Assembly:
 def events_of(
     events: Sequence[Event], known: Sequence[ChannelRef], chosen: Sequence[ChannelRef]
 ) -> tuple[Event, ...]:
-    """Those of the chosen channels, by their places there, and those that speak of none, or of one
-    that is lost."""
+    """Events of the chosen channels, numbered by their places there, and events without a channel
+    or of a lost one."""
     places: dict[int | str | None, int | None] = {None: None}
     for place, ref in enumerate(chosen):
         places.setdefault(ref.number, place)

@@ -95,7 +95,7 @@ def content(catalogue: Catalogue, chunk: Chunk, counts: bool) -> dict[str, Any]:
             }
         }
     if kind in ("cLOk", "cMAp"):
-        catalogue.limits.check_metadata(len(payload), at)
+        catalogue.limits.check("metadata", len(payload), at)
         return clock_json(chunk)
     if kind == "dGST":
         return {"digests": [payload[i : i + 32].hex() for i in range(0, len(payload), 32)]}

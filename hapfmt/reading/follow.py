@@ -319,11 +319,17 @@ class WantedPackets:
         self.stops[packet.track] = stop
         if packet.stop <= self.ranges[packet.track][0]:
             return
+        piece = None
         try:
-            yield PieceDecoder(self.decoders, self.ranges, exact=self.exact).decode(packet)
+            piece = PieceDecoder(self.decoders, self.ranges, exact=self.exact).decode(packet)
+            fault = piece.fault
         except FormatError as error:
+            fault = error
+        if fault is not None:
             catalogue = self.follower.catalogue
             if not catalogue.damaged:
-                raise
-            rule = error.requirement or "COD-001"
-            catalogue.lose("bad-packet", packet.offset, len(packet.data), error.message, rule)
+                raise fault
+            rule = fault.requirement or "COD-001"
+            catalogue.lose("bad-packet", packet.offset, len(packet.data), fault.message, rule)
+        if piece is not None:
+            yield piece

@@ -47,7 +47,7 @@ def index_chain(
         if parts and chunk.stop > position_after:
             raise FormatError("indexes overlap", requirement="IDX-002", offset=position)
         listed += entry_count(chunk.payload)
-        limits.check_records(listed)
+        limits.check("records", listed)
         index = parse_index(chunk.payload, position, chunk.payload_offset)
         parts.append((position, index))
         if not index.previous:
@@ -303,17 +303,20 @@ def walked(
     """The chunks with one file id."""
     catalogue = Catalogue(source, limits or Limits(), file_id, tolerant=tolerant)
     catalogue.findings = Bounded(catalogue.check_records)
+    last: Chunk | None = None
     broken: list[tuple[Chunk, FormatError]] = []
     for chunk in walk(source, catalogue.findings, file_id):
         ref = ref_of(chunk)
         catalogue.check_records()
         catalogue.foot = None
+        last = chunk
         if chunk.intact:
             try:
                 ref = catalogue.learn(chunk) or ref
             except FormatError as error:
                 broken.append((chunk, error))
         catalogue.chunks.append(ref)
+    catalogue.ended = last is not None and is_end(last)
     if broken and not catalogue.damaged:
         raise unknown_part(catalogue) or broken[0][1]
     if broken and not tolerant:
@@ -325,6 +328,11 @@ def walked(
         lose_strangers(catalogue)
     check_found(catalogue)
     return catalogue
+
+
+def is_end(chunk: Chunk) -> bool:
+    """Whether this chunk closes a file, if it is the last one (SPEC clause 5)."""
+    return chunk.intact and chunk.header.known and chunk.header.type == "fOOT"
 
 
 def unknown_part(catalogue: Catalogue) -> UnsupportedError | None:
@@ -385,7 +393,7 @@ def lose_strangers(catalogue: Catalogue) -> None:
         size, rule = HEADER_SIZE + (ref.size or 0), fault.requirement or "TRK-007"
         catalogue.lose("bad-chunk", ref.offset, size, fault.message, rule)
     for track in catalogue.tracks.values():
-        if track.kind == "hf" and track.base not in catalogue.tracks:
+        if track.is_orphan(catalogue.tracks):
             message = f"HF track {track.id} has lost its base track {track.base}"
             catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-003")
 
@@ -413,9 +421,14 @@ def check_found(catalogue: Catalogue) -> None:
         if source.read_at(0, len(SIGNATURE)) != SIGNATURE:
             raise no_signature(source)
         raise FormatError("a signature without any chunk", requirement="HED-001", offset=0)
+    if catalogue.head is None and not catalogue.damaged:
+        error = FormatError(
+            "the file has no HEAD chunk", requirement="HED-001", offset=FIRST_OFFSET
+        )
+        raise unknown_part(catalogue) or error
     if catalogue.head is None:
         catalogue.lose("missing-head", FIRST_OFFSET, 0, "no intact HEAD chunk", "HED-001")
-    if catalogue.foot is None:
+    if not catalogue.closed:
         catalogue.lose(
             "not-closed",
             source.size,

@@ -19,6 +19,7 @@ from ..format.cluster import (
     HEAD_ROOM,
     MissingPackets,
     Packet,
+    Table,
     TableRow,
     packet_crc,
     parse_cluster,
@@ -30,7 +31,7 @@ from ..format.source import ByteSource
 from ..format.track import Track
 from ..format.walk import header_at, holds
 from ..format.wire import HEADER_SIZE, ChunkHeader
-from ..limits import Level
+from ..limits import Level, Limits
 from ..numbers import exact, tick_range
 from .catalogue import Catalogue, ChunkRef
 from .damage import UNKNOWN, Losses, Timeline, Times
@@ -51,17 +52,19 @@ def wanted_packets(
     tracks: Mapping[int, Track],
     level: Level,
     ranges: Ranges,
+    known: Table | None = None,
 ) -> list[Packet] | None:
     """The packets of the tracks in ``ranges`` that overlap them; None where a rule does not hold,
-    or where they are much of the payload."""
+    or where they are much of the payload. ``known``: the table, where it was parsed before."""
     at, payload_size = ref.offset + HEADER_SIZE, header.payload_size
-    size = min(HEAD_ROOM + ROW_SIZE * len(tracks), payload_size)
+    room = known[0].table_size if known else HEAD_ROOM + ROW_SIZE * len(tracks)
+    size = min(room, payload_size)
     part = source.read_at(at, size)
     try:
-        table_size = parse_table_head(part, level, at).table_size
+        table_size = room if known else parse_table_head(part, level, at).table_size
         if table_size > size:
             part += source.read_at(at + size, min(table_size, payload_size) - size)
-        head, rows = parse_table(part, payload_size, tracks, level, at, header.cluster_seed)
+        head, rows = parse_table(part, payload_size, tracks, level, at, header.cluster_seed, known)
     except FormatError:
         return None
     places, position = [], at + head.table_size
@@ -128,6 +131,8 @@ TAIL_LOSSES = frozenset({"truncated", "garbage", "duplicate-chunk"})
 """Findings that may have been a DATA chunk."""
 MS = 10**6
 """Nanoseconds."""
+OF_PACKETS = ("DAT-004", "DAT-008", "DAT-009")
+"""Rules that cost one packet and not its table."""
 EXTRA_SIZE = 1 << 16
 """Bytes that a damaged payload may be longer than its header says."""
 
@@ -135,7 +140,7 @@ EXTRA_SIZE = 1 << 16
 @dataclass
 class TrackLine:
     """Tracks that continue one another, or one alone: which is at work, and where its last packet
-    ended. ``free``: of events, whose packets come in any order."""
+    ended. ``free``: of events, whose packets come in any order, or unsupported."""
 
     tracks: tuple[int, ...]
     free: bool = False
@@ -145,13 +150,17 @@ class TrackLine:
 
 def lines_of(catalogue: Catalogue) -> dict[int, tuple[TrackLine, int]]:
     """By track, with its place in the line."""
-    rows: list[tuple[int, ...]] = [(track,) for track in catalogue.tracks]
+    tracks = catalogue.tracks
+    rows: list[tuple[int, ...]] = [(track,) for track in tracks]
     for parts in catalogue.parts:
-        rows.append(tuple(part.track.id for part in parts))
-        rows.append(tuple(part.residual.id for part in parts if part.residual))
+        known = [part for part in parts if not part.track.unsupported]
+        rows.append(tuple(part.track.id for part in known))
+        residuals = [part.residual for part in known if part.residual]
+        rows.append(tuple(track.id for track in residuals if not track.unsupported))
     lines: dict[int, tuple[TrackLine, int]] = {}
     for row in rows:
-        line = TrackLine(row, any(catalogue.tracks[track].kind == "events" for track in row))
+        free = any(tracks[id_].kind == "events" or tracks[id_].unsupported for id_ in row)
+        line = TrackLine(row, free)
         lines |= {track: (line, place) for place, track in enumerate(row)}
     return lines
 
@@ -252,27 +261,28 @@ class PacketPass:
             raise ChecksumError(
                 "the file changed while it was read", offset=ref.offset, path=source.path
             )
+        level, known = catalogue.level, catalogue.tables.get(ref.offset)
         part: list[Packet] | None = None
         few = SHARE * len(self.ranges) < len(catalogue.tracks)
         if few and ref.stop_ns is not None and header.payload_size > source.gap:
-            level = catalogue.level
-            part = wanted_packets(source, ref, header, catalogue.tracks, level, self.ranges)
+            tracks = catalogue.tracks
+            part = wanted_packets(source, ref, header, tracks, level, self.ranges, known)
         if part is not None:
             yield from part
-        else:
-            yield from self.whole(ref, header)
-
-    def whole(self, ref: ChunkRef, header: ChunkHeader) -> Iterator[Packet]:
-        catalogue, seed = self.catalogue, header.cluster_seed
-        at, size = ref.offset + HEADER_SIZE, header.payload_size
-        payload = catalogue.source.read_at(at, size)
+            return
+        at, size, seed = ref.offset + HEADER_SIZE, header.payload_size, header.cluster_seed
+        payload = source.read_at(at, size)
         if holds(header, payload):
             try:
-                yield from parse_cluster(payload, catalogue.tracks, catalogue.level, at, seed)
+                yield from parse_cluster(payload, catalogue.tracks, level, at, seed, known)
                 return
             except FormatError as error:
                 if not catalogue.damaged:
-                    raise error.at(path=catalogue.source.path) from None
+                    raise error.at(path=source.path) from None
+                rule = error.requirement or "DAT-005"
+                if rule not in OF_PACKETS:
+                    message = f"DATA chunk: {error.message}"
+                    catalogue.lose("bad-chunk", ref.offset, HEADER_SIZE + size, message, rule)
         elif ref.limit is not None:
             message = "checksum error in the payload of a DATA chunk"
             catalogue.lose(
@@ -281,7 +291,7 @@ class PacketPass:
             self.on_damage()
         payload, sizes = self.region(ref, payload, size)
         self.unharmed.add(ref.offset)
-        for item in salvage_cluster(payload, catalogue.tracks, catalogue.level, at, seed, sizes):
+        for item in salvage_cluster(payload, catalogue.tracks, level, at, seed, sizes):
             if isinstance(item, Packet):
                 yield item
             else:
@@ -364,12 +374,18 @@ class Batch(NamedTuple):
     weight: int
 
 
-def batches(packets: Iterable[tuple[Packet, int]], size: int) -> Iterator[Batch]:
-    """Packets in their order, as few together as hold ``size`` samples; what an error leaves of a
-    batch comes before it."""
-    batch, weight = [], 0
+def batches(
+    packets: Iterable[Packet], tracks: Mapping[int, Track], limits: Limits, size: int
+) -> Iterator[Batch]:
+    """Packets that the limits let pass, in their order, as few together as hold ``size`` samples;
+    what an error leaves of a batch comes before it."""
+    batch, weight, work = [], 0, 0
     try:
-        for packet, samples in packets:
+        for packet in packets:
+            samples = tracks[packet.track].weight(packet.span, len(packet.data))
+            work += samples
+            limits.check("packet_samples", samples)
+            limits.check("work_samples", work)
             batch.append(packet)
             weight += samples
             if weight >= size:

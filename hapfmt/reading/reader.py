@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from fractions import Fraction
 from typing import Any, BinaryIO
 from uuid import UUID
@@ -167,14 +167,13 @@ class Reader(Closing):
         self.source = open_source(file, mapped=mapped, spool=spool)
         self.lost: list[LostSpan] = []
         try:
-            self.catalogue: Catalogue = self.opened(scan=scan)
+            self.catalogue: Catalogue = open_catalogue(
+                self.source, scan=scan, limits=self.limits, file_id=file_id
+            )
             self.refuse_damage()
         except BaseException:
             self.source.close()
             raise
-
-    def opened(self, *, scan: bool) -> Catalogue:
-        return open_catalogue(self.source, scan=scan, limits=self.limits, file_id=self.file_id)
 
     def close(self) -> None:
         self.source.close()
@@ -245,12 +244,14 @@ class Reader(Closing):
     def scan(self) -> None:
         """Walk through the whole file, so that every byte is checked."""
         if self.catalogue.indexed:
-            self.catalogue = self.opened(scan=True)
+            self.catalogue = open_catalogue(
+                self.source, scan=True, limits=self.limits, file_id=self.file_id
+            )
             self.refuse_damage()
 
     def refuse_damage(self) -> None:
-        if self.strict and self.findings:
-            first = self.findings[0]
+        if self.strict and self.catalogue.findings:
+            first = self.catalogue.findings[0]
             raise first.error(
                 f"{first.code}: {first.message}. hapfmt.Reader reads what is intact; "
                 "hapfmt.recover(file, into) writes an intact copy",
@@ -270,7 +271,7 @@ class Reader(Closing):
         A text that is not a label may be a pattern such as "pos_*". An integer selects by number;
         negative numbers count from the end. Raises UnknownChannelError.
         """
-        known = self.channels
+        known = self.catalogue.channels
         if channels is None:
             return known
         by_number = {ref.number: ref for ref in known}
@@ -313,11 +314,11 @@ class Reader(Closing):
             uuid=UUID(bytes=head.uuid) if head and head.uuid else None,
             epoch_ns=head.epoch_ns if head else None,
             epoch_uncertainty_ns=head.epoch_uncertainty_ns if head else 0,
-            metadata=self.metadata,
+            metadata=self.catalogue.metadata,
             attachments={
                 name: (found.media_type, found.content) for name, found in self.attachments.items()
             },
-            events=events_of(events, self.channels, chosen),
+            events=events_of(events, self.catalogue.channels, chosen) if events else (),
         )
 
     def assembly(
@@ -346,12 +347,12 @@ class Reader(Closing):
             if digests is not None:
                 digests.add(piece)
             samples += piece.numbers.size
-            self.limits.check_samples(samples)
+            self.limits.check("samples", samples)
             if piece.track.channels:
                 decoded[piece.track.id].add(piece.start, piece.numbers, piece.exact)
             else:
                 assembly.add_events(piece.track, piece.events)
-                self.limits.check_events(assembly.event_count)
+                self.limits.check("events", assembly.event_count)
         self.lost.extend(self.lost_parts(chosen, band))
         if digests is not None:
             digests.compare({span.track for span in self.lost})
@@ -399,7 +400,7 @@ class Reader(Closing):
                 or event.tick + event.duration > low * rate
             ]
             assembly.add_events(piece.track, kept)
-            self.limits.check_events(assembly.event_count)
+            self.limits.check("events", assembly.event_count)
         return assembly.events()
 
     def pieces(
@@ -410,8 +411,10 @@ class Reader(Closing):
         *,
         exact: bool = False,
         progress: Callable[[int, int], None] | None = None,
+        beside: Sequence[Track] = (),
     ) -> Iterator[DecodedPiece]:
         """Decoded packets of ``tracks`` in order of the file, cut to the seconds [start, stop).
+        The losses of tracks ``beside`` are noted too.
 
         It needs the memory of one cluster. Reading everything walks through the file first, so
         that it finds all damage. Reading a part trusts the index unless it is wrong.
@@ -419,7 +422,7 @@ class Reader(Closing):
         if start is None and stop is None:
             self.scan()
         self.refuse_unknown()
-        ranges = {t.id: tick_range(t.rate, start, stop) for t in tracks}
+        ranges = {t.id: tick_range(t.rate, start, stop) for t in [*tracks, *beside]}
         decoders = {t.id: TrackDecoder(t, self.catalogue.level, self.source.path) for t in tracks}
 
         decoder = PieceDecoder(decoders, ranges, exact=exact)
@@ -433,41 +436,29 @@ class Reader(Closing):
                     pieces.append(error)
             return pieces
 
-        threads = self.threads_for(tracks)
-        packets = self.weighed(self.packets(ranges, start, stop, progress), decoders)
-        jobs = batches(packets, BATCH if threads > 1 else 1)
+        # One thread where there is or may be damage: earlier findings then decide how a packet
+        # that breaks a rule is treated.
+        threads = 1
+        if not (self.catalogue.damaged or self.catalogue.indexed):
+            seconds = self.catalogue.duration
+            samples = sum(int(seconds * t.rate) * len(t.components) for t in tracks if t.channels)
+            threads = thread_count(self.threads, samples)
+        known = {id_: decoder.track for id_, decoder in decoders.items()}
+        found = self.packets(ranges, start, stop, progress)
+        packets = (packet for packet in found if packet.track in known)
+        jobs = batches(packets, known, self.limits, BATCH if threads > 1 else 1)
         for batch, pieces in in_order(
             lambda job: (job, decode(job)), jobs, threads, lambda job: job.weight / IN_FLIGHT
         ):
             for packet, piece in zip(batch.packets, pieces, strict=True):
+                fault = piece.fault if isinstance(piece, DecodedPiece) else piece
+                if fault is not None:
+                    if not self.catalogue.damaged:
+                        raise fault
+                    # In a damaged file a broken rule is part of the damage (SPEC clause 14).
+                    self.lose_packet(packet, fault)
                 if isinstance(piece, DecodedPiece):
                     yield piece
-                elif self.catalogue.damaged:
-                    # In a damaged file a broken rule is part of the damage (SPEC clause 14).
-                    self.lose_packet(packet, piece)
-                else:
-                    raise piece
-
-    def threads_for(self, tracks: Sequence[Track]) -> int:
-        """Number of threads; one where there is or may be damage. Then earlier findings decide how
-        a packet that breaks a rule is treated."""
-        if self.catalogue.damaged or self.catalogue.indexed:
-            return 1
-        seconds = self.catalogue.duration
-        samples = sum(int(seconds * t.rate) * len(t.components) for t in tracks if t.channels)
-        return thread_count(self.threads, samples)
-
-    def weighed(
-        self, packets: Iterable[Packet], decoders: dict[int, TrackDecoder]
-    ) -> Iterator[tuple[Packet, int]]:
-        """Packets within the limits, and their numbers of samples."""
-        work = 0
-        for packet in packets:
-            samples = decoders[packet.track].track.weight(packet.span, len(packet.data))
-            work += samples
-            self.limits.check_packet(samples)
-            self.limits.check_work(work)
-            yield packet, samples
 
     def packets(
         self,
@@ -508,7 +499,8 @@ class Reader(Closing):
         """Packets that lack a description for decoding: LF tracks without their HF track
         (DEC-003), and tracks that a known one continues."""
         parts = {part.track.id: part for ref in chosen for part in ref.parts}
-        bare = [p.track for p in parts.values() if p.track.kind == "lf" and not p.residual]
+        known = [part for part in parts.values() if not part.track.unsupported]
+        bare = [p.track for p in known if p.track.kind == "lf" and not p.residual]
         if band != "full":
             bare = []
         if bare and self.catalogue.closed and not self.catalogue.damaged:

@@ -25,14 +25,22 @@ from ..errors import (
     UnsupportedError,
     verdict_of,
 )
-from ..format.extras import INDEX_EVERY, IndexEntry, ceil_ms, check_listing, floor_ms, parse_index
+from ..format.extras import (
+    INDEX_EVERY,
+    IndexEntry,
+    ceil_ms,
+    check_listing,
+    floor_ms,
+    parse_foot,
+    parse_index,
+)
 from ..format.track import Component, Contract, lone_lf, unsupported_track
 from ..format.walk import read_chunk
 from ..format.wire import HEADER_SIZE
 from ..limits import TICK_LIMIT, Limits
 from ..numbers import counted
 from ..recording import Calibration, Channel, Recording
-from .catalogue import Catalogue, ChannelRef, TrackPair
+from .catalogue import Catalogue, ChannelRef, ChunkRef, TrackPair
 from .damage import LostPart, damage_report, lost_parts, told
 from .decoder import intersect
 from .reader import DigestCheck, Reader
@@ -162,7 +170,7 @@ def cut(original: Channel, parts: Sequence[Channel]) -> list[Channel]:
 
 
 def check_track(members: Sequence[ExpectedPart]) -> list[ContractCheck]:
-    """The channels of one track together, since a vector contract speaks of all of them."""
+    """The channels of one track together, since a vector contract concerns all of them."""
     pairs = [pair_up(member.original, member.decoded) for member in members]
     part = members[0].part
     contract = part.contract
@@ -413,9 +421,8 @@ def verify(
 
 def check_structure(catalogue: Catalogue) -> None:
     """Index, footer, channel numbers: only in a file without damage. Attachments and clocks."""
-    if catalogue.damaged or not catalogue.unsupported:
-        check_extras(catalogue)
-    if catalogue.damaged or catalogue.unsupported:
+    check_extras(catalogue)
+    if catalogue.damaged:
         return
     listing = [
         IndexEntry(
@@ -443,6 +450,8 @@ def check_structure(catalogue: Catalogue) -> None:
             indexes.add(ref.offset)
             check_listing(index, ref.offset, listing, chunk.payload_offset)
             last_index, unlisted = ref.offset, 0
+        elif ref.type == "fOOT" and ref.known:
+            check_foot(catalogue, ref, last_index)
         elif ref.type != "fOOT":
             size = HEADER_SIZE + (ref.size or 0)
             if unlisted and unlisted + size > INDEX_EVERY:
@@ -451,14 +460,10 @@ def check_structure(catalogue: Catalogue) -> None:
                 )
             unlisted += size
     foot = catalogue.foot
-    if foot is None:
+    if foot is None or catalogue.unsupported:
         return
     at = catalogue.source.size - 32
     bases = catalogue.table.bases
-    if not last_index or foot.index_offset != last_index:
-        raise FormatError(
-            "the footer does not name the last index", requirement="FOT-002", offset=at
-        )
     counts = (len(catalogue.data), len(catalogue.tracks))
     stop_ns = int(catalogue.duration * 10**9)
     if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):
@@ -475,6 +480,21 @@ def check_structure(catalogue: Catalogue) -> None:
         raise FormatError("a channel number is missing", requirement="TRK-010", offset=at)
 
 
+def check_foot(catalogue: Catalogue, ref: ChunkRef, last_index: int) -> None:
+    """FOT-002, of any footer."""
+    chunk = read_chunk(catalogue.source, ref.offset)
+    if chunk is None or not last_index:
+        found = False
+    else:
+        found = parse_foot(chunk.payload, chunk.payload_offset).index_offset == last_index
+    if not found:
+        raise FormatError(
+            "a footer does not name the last index before it",
+            requirement="FOT-002",
+            offset=ref.offset + HEADER_SIZE,
+        )
+
+
 def check_extras(catalogue: Catalogue) -> None:
     for _ in catalogue.each_attachment():
         pass
@@ -486,10 +506,18 @@ def check_packets(
 ) -> None:
     """Decode all that is supported, and compare digests with the packets before them."""
     catalogue = reader.catalogue
-    known = [track for track in catalogue.tracks.values() if not track.unsupported]
     digests = DigestCheck(catalogue)
+    if catalogue.unsupported:
+        # Only what the tables tell of the packets (CHK-009).
+        for _ in reader.packets(dict.fromkeys(catalogue.tracks, (0, TICK_LIMIT))):
+            pass
+        reader.lost.extend(reader.lost_parts(catalogue.channels, "full"))
+        raise catalogue.unsupported
+    tracks = list(catalogue.tracks.values())
+    known = [track for track in tracks if not track.unsupported]
+    others = [track for track in tracks if track.unsupported]
     numbers = {channel.number for channel in catalogue.channels}
-    for piece in reader.pieces(known, exact=True, progress=progress):
+    for piece in reader.pieces(known, exact=True, progress=progress, beside=others):
         report.packets += 1
         report.samples += piece.numbers.size
         report.events += len(piece.events)

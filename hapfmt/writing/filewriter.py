@@ -99,7 +99,8 @@ class FileWriter:
         )
         file_id = secrets.randbits(64) if file_id is None else file_id
         self.begin(stream, head, head.build(), file_id, clock)
-        self.put(SIGNATURE)
+        stream.write(SIGNATURE)
+        self.offset += len(SIGNATURE)
         self.chunk("HEAD", self.head_payload)
 
     def begin(
@@ -112,7 +113,7 @@ class FileWriter:
     ) -> None:
         self.stream = stream
         self.head, self.head_payload = head, payload
-        self.level, self.file_id = head.limits, file_id
+        self.level, self.file_id = LEVELS[head.level], file_id
         self.offset = self.sequence = 0
         self.tracks: dict[int, Track] = {}
         self.descriptions: list[tuple[int, bytes]] = []
@@ -179,10 +180,6 @@ class FileWriter:
         """Offset of the last iNDX chunk, 0: none."""
         return self.parts[-1].offset if self.parts else 0
 
-    def put(self, data: bytes) -> None:
-        self.stream.write(data)
-        self.offset += len(data)
-
     def chunk(
         self,
         type_: str,
@@ -214,10 +211,11 @@ class FileWriter:
             type_, payload, file_id=self.file_id, sequence=self.sequence, track=track, flags=flags
         )
         try:
-            self.put(chunk)
+            self.stream.write(chunk)
         except OSError as error:
             self.end_early(error)
             raise
+        self.offset += len(chunk)
         self.closed = type_ == "fOOT"
         self.sequence += 1
         self.entries.append(entry)
@@ -361,22 +359,19 @@ class FileWriter:
             return
         try:
             self.describe(silent_tracks(list(self.tracks.values())))
-            self.copy()
+            copies = [("HEAD", NO_TRACK, self.head_payload)]
+            copies += [("TRAK", track, payload) for track, payload in self.descriptions]
+            copies = [copy for copy in copies if copy[1] not in self.copied]
+            size = sum(len(payload) + HEADER_SIZE for *_, payload in copies)
+            # HEAD and TRAK again (SPEC 6.1), each once in the life of a file.
+            for type_, track, payload in copies if COPY_SHARE * size <= self.offset else ():
+                self.chunk(type_, payload, track)
+                self.copied.add(track)
             self.index(closing=True)
             self.foot()
         except OSError:
             if not self.closed:
                 raise
-
-    def copy(self) -> None:
-        """HEAD and TRAK again (SPEC 6.1), each once in the life of a file."""
-        copies = [("HEAD", NO_TRACK, self.head_payload)]
-        copies += [("TRAK", track, payload) for track, payload in self.descriptions]
-        copies = [copy for copy in copies if copy[1] not in self.copied]
-        if COPY_SHARE * sum(len(payload) + HEADER_SIZE for *_, payload in copies) <= self.offset:
-            for type_, track, payload in copies:
-                self.chunk(type_, payload, track)
-                self.copied.add(track)
 
     def foot(self) -> None:
         foot = Foot(

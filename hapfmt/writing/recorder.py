@@ -275,7 +275,7 @@ class Turn:
 
     def __enter__(self) -> None:
         if os.getpid() != self.process:
-            # The thread, and whoever held the lock, stayed in the other process.
+            # The thread, and the owner of the lock, are in the other process.
             raise ParameterError("the recording belongs to the process that began it")
         self.lock.acquire()
         if self.closed or self.queue.error is not None:

@@ -82,7 +82,7 @@ class Appending:
         trace: TracebackType | None,
     ) -> None:
         try:
-            # Whoever interrupts may have done so between a chunk and its entry in the index.
+            # An interrupt may have come between a chunk and its entry in the index.
             if kind is None or issubclass(kind, Exception):
                 self.writer.close()
         except OSError:

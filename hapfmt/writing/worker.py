@@ -118,7 +118,7 @@ class SampleQueue(Generic[Queued]):
 
 
 POLL_S = 0.25
-"""Samples that complete nothing wait in the queue for so long at most."""
+"""Longest time in the queue for samples that complete no cluster."""
 
 Task = Callable[[], None]
 Item = SampleRows | Task

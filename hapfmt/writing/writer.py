@@ -208,9 +208,8 @@ def write(
             epoch_uncertainty_ns=recording.epoch_uncertainty_ns,
         )
         out.describe(tracks)
-        out.metadata(metadata)
-        for attachment in attached:
-            out.attach(attachment)
+        for type_, payload in zip(["mETa", *["aTTc"] * len(attached)], extras, strict=True):
+            out.chunk(type_, payload)
         for packets in clusters(tracks, encoded.packets + marks, cluster):
             out.cluster(packets)
         if settings.digest:

@@ -12,7 +12,7 @@ from typing import IO, TYPE_CHECKING
 if TYPE_CHECKING:
     from .world import World
 
-SECONDS = 30.0
+SECONDS = 60.0
 
 
 class Running:

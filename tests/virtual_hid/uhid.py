@@ -30,7 +30,7 @@ GET_IN = struct.Struct("<IHH4096s")
 INPUT2_IN = struct.Struct("<H4096s")
 EVENT_SIZE = 4380  # of struct uhid_event, which is packed
 FAULTS = ("unplug", "error")
-SECONDS = 5.0
+SECONDS = 60.0
 
 
 class Uhid:

@@ -9,7 +9,7 @@ from typing import Any
 from .channel import Channel
 from .model import Device, Event, Fault
 
-SECONDS = 30.0
+SECONDS = 60.0
 
 
 class Virtual:

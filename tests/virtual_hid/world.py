@@ -35,7 +35,7 @@ START = (
     f"import sys; sys.path.insert(0, {str(TESTS)!r});from virtual_hid.keeper import main; main()"
 )
 MESSAGE = 1 << 20
-BEGIN_SECONDS = 20.0
+BEGIN_SECONDS = 60.0
 
 
 class UnavailableError(Exception):

@@ -127,7 +127,7 @@ function overlapOf(packet) {
 
 // DAT-006 within a chain of tracks that continue one another; TRK-016.
 function inTime(packet, track, chains, damaged, note, damages) {
-  if (track.kind === 'events') return true;
+  if (track.kind === 'events' || track.strange) return true;
   const rank = track.kind === 'hf' ? track.base : track.id;
   const state = chains.get(track.chain) ?? { end: 0, rank };
   const requirement = rank === state.rank ? 'DAT-006' : 'TRK-016';

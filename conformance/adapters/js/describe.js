@@ -101,7 +101,6 @@ export function descriptionsOf(file) {
 }
 
 function addLostChannels(file, kept, newId, list) {
-  if ([...file.allTracks.values()].some((track) => track.strange)) return;
   const there = new Set();
   for (const track of file.allTracks.values()) {
     if (kept.has(track.id) && track.kind !== 'hf') for (const channel of track.channels) there.add(channel);

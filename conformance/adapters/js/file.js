@@ -100,6 +100,7 @@ function readHeads(file) {
     try {
       const { head, faults } = readHead(file.bytes, chunk);
       for (const fault of faults) note(file, fault, chunk);
+      if (faults.length) continue;
       first = { chunk, payload };
       file.head = head;
       file.headChunk = chunk;
@@ -113,7 +114,7 @@ function readHeads(file) {
   if (start && start.type !== 'HEAD') {
     note(file, new HapfError('broken', 'HED-001', `the first chunk is ${start.type}`, start.position), start, true);
   }
-  if (!file.head && (file.damaged || file.recovering) && !file.chunks.some((c) => c.type === 'HEAD' && !c.known)) {
+  if (!file.head && (file.damaged || file.recovering)) {
     file.damages.push({ code: 'missing-head', offset: 8, size: 0, requirement: 'HED-001', message: 'no intact HEAD: taken for version 1, level 2' });
   }
 }
@@ -168,12 +169,12 @@ function readAncillary(file, noteIt) {
       file.digests.push(...readDigests(bytes, chunk, allTracks, tracks, damaged));
     },
     cLOk(chunk) {
-      const clock = readClock(bytes, chunk, allTracks, damaged);
+      const clock = readClock(bytes, chunk, damaged ? tracks : allTracks, damaged);
       keep(clock.observations.length, chunk.position);
       file.clocks.push(clock);
     },
     cMAp(chunk) {
-      const map = readMap(bytes, chunk, allTracks, damaged);
+      const map = readMap(bytes, chunk, damaged ? tracks : allTracks, damaged);
       keep(map.points.length, chunk.position);
       file.maps.push(map);
     },
@@ -225,7 +226,7 @@ function readIndexes(file, noteIt) {
         lastIndex = chunk;
       } else if (chunk.type === 'fOOT') {
         const foot = readFoot(bytes, chunk);
-        const totals = chunk !== last ? null : {
+        const totals = chunk !== last || !file.closed ? null : {
           dataCount: chunks.filter((c) => c.type === 'DATA').length,
           trackCount: allTracks.size,
           durationNs: durationNs(held, allTracks),

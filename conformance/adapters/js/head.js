@@ -28,15 +28,17 @@ function readTlvs(reader) {
 export function readHead(bytes, chunk) {
   const reader = new Reader(bytes, { start: chunk.payloadStart, end: chunk.end, requirement: 'HED-002' });
   const at = chunk.payloadStart;
+  // A HEAD that is too short is judged by the fields that are whole.
+  const size = chunk.end - at;
   const major = reader.u8();
   if (major !== 1) unsupported('VER-001', `major version ${major}`, at);
-  const minor = reader.u8();
-  const level = reader.u8();
-  const reserved = reader.u8();
-  const incompat = reader.u32();
+  const minor = size > 1 ? reader.u8() : 0;
+  const level = size > 2 ? reader.u8() : 1;
+  const reserved = size > 3 ? reader.u8() : 0;
+  const incompat = size >= 8 ? reader.u32() : 0;
   if (incompat !== 0) unsupported('VER-001', `unknown feature bits ${incompat.toString(16)}`, at + 4);
   if (!(level in LIMITS)) unsupported('HED-004', `level ${level}`, at + 2);
-  if (reader.left < HEAD_SIZE - 8) broken('HED-002', 'HEAD is too short', at);
+  if (size < HEAD_SIZE) broken('HED-002', 'HEAD is too short', at);
   const compat = reader.u32();
   const head = {
     major, minor, level, compat, fileId: chunk.fileId,

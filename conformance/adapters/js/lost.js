@@ -2,7 +2,7 @@
 import { unsupported } from './error.js';
 
 const MS_BOUND = 2 ** 53 - 1;
-// One hole can speak of every track: what this reader tells of all of them.
+// One hole can affect every track: what this reader reports for all of them.
 const SPAN_BOUND = 2 ** 20;
 const WORK_BOUND = 2 ** 27;
 

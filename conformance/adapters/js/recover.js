@@ -45,7 +45,7 @@ export function recoverFile(bytes, { fileId } = {}) {
       else dropped++;
     }
   }
-  // Behind the packets that they speak of.
+  // Behind the packets that they refer to.
   for (const digest of copiedDigests(file)) writer.write('dGST', digest.digest, { track: digest.track });
   const verdict = judgeRecovery(file, dropped > 0);
   if (verdict === 'damaged') writer.write('mETa', notesPayload(file, dropped));

@@ -7,8 +7,7 @@ const NO_LOSS = new Set(['bad-signature', 'other-file', 'out-of-order', 'not-clo
 const WRITTEN_ANEW = new Set(['iNDX', 'fOOT']);
 
 const merelyOpen = (file) => file.damages.every(({ code }) => code === 'not-closed');
-// In a file that is not closed, a fOOT in the middle has no meaning.
-const breaksRule = (file) => file.findings.some(({ kind, chunk }) => kind !== 'unsupported' && chunk?.type !== 'fOOT');
+export const breaksRule = (file) => file.findings.some(({ kind }) => kind !== 'unsupported');
 
 // Once all notes are taken: what counts as damage, and what it took. Then digests may be compared, then the verdict.
 export function settle(file) {

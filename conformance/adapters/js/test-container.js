@@ -1,4 +1,4 @@
-// Checks of conformance/components that speak of chunks and times, as in test-components.js.
+// Checks of conformance/components about chunks and times, as in test-components.js.
 import { readClock, readMap } from './ancillary.js';
 import { clusterSeed, seedOf } from './chunk.js';
 import { hasCrc, placePackets, readTable, tableFaults } from './cluster.js';

@@ -1,4 +1,4 @@
-// All descriptions of a file together: the rules of 6.3 that speak of more than one track.
+// All descriptions of a file together: the rules of 6.3 that concern more than one track.
 import { HapfError } from './error.js';
 import { limitDescriptions, readTrak } from './trak.js';
 import { checkCalibration } from './values.js';
@@ -18,12 +18,11 @@ export function describeTracks(bytes, chunks, level, damaged, note) {
   const sorted = [...allTracks.values()].sort((a, b) => a.id - b.id);
   const tracks = new Map(sorted.filter((track) => !track.fault).map((track) => [track.id, track]));
   const context = { tracks, allTracks, damaged, note };
-  linkBases(context);
   linkContinued(context);
-  checkChannels(context);
+  linkBases(context);
   linkChains(tracks);
   const lostBases = [...tracks.values()].filter((track) => track.baseLost);
-  const lostResiduals = [...tracks.values()].filter((track) => track.kind === 'lf' && !track.hf && !track.strange);
+  const lostResiduals = [...tracks.values()].filter(lacksResidual);
   return { descriptions, tracks, allTracks, lostBases, lostResiduals };
 }
 
@@ -61,10 +60,16 @@ function readAll(bytes, chunks, level, note) {
 // Whether a track is described after another one.
 const isLater = (a, b) => a.description.index > b.description.index || (a.description === b.description && a.id > b.id);
 
+const lacksResidual = (track) => track.kind === 'lf' && !track.hf && !track.strangeHf && !track.strange;
+
 // TRK-007, TRK-012; calibrations of a residual are those of its base.
 function linkBases({ tracks, allTracks, damaged, note }) {
   for (const track of tracks.values()) {
-    if (track.kind !== 'hf' || track.strange) continue;
+    if (track.kind !== 'hf') continue;
+    if (track.strange) {
+      if (tracks.has(track.base)) tracks.get(track.base).strangeHf = true;
+      continue;
+    }
     const { chunk } = track.description;
     const fault = (message, soft) => note(new HapfError('broken', 'TRK-007', message, chunk.payloadStart), chunk, soft);
     const base = tracks.get(track.base);
@@ -90,7 +95,7 @@ function linkBases({ tracks, allTracks, damaged, note }) {
       try {
         checkCalibration(calibration, base, track, base.description.chunk.payloadStart);
       } catch (error) {
-        note(error, base.description.chunk);
+        note(error, chunk);
         tracks.delete(track.id);
         track.left = 'VAL-001';
         base.hf = null;
@@ -99,7 +104,7 @@ function linkBases({ tracks, allTracks, damaged, note }) {
     }
   }
   for (const track of allTracks.values()) {
-    if (track.kind === 'lf' && !track.hf && !track.strange) {
+    if (lacksResidual(track)) {
       note(new HapfError('broken', 'TRK-012', `track ${track.id} of kind LF is the base of none`, track.description.chunk.position), track.description.chunk, 'closed');
     }
   }
@@ -112,81 +117,66 @@ function fits(track, other) {
     && sameList(other.units, track.units);
 }
 
-// With its HF track, which has no channel without it.
-function leaveOut(tracks, track, requirement) {
-  for (const one of track.hf ? [track, track.hf] : [track]) {
-    tracks.delete(one.id);
-    one.left = requirement;
-  }
-}
+// What a track is to others where it is lost, left out or not supported: not there.
+const known = (tracks, id) => (tracks.get(id)?.strange ? undefined : tracks.get(id));
 
-// TRK-016. Where the track between two is lost, they stay one channel (14.1).
-function linkContinued({ tracks, damaged, note }) {
-  const leave = (track, message) => {
-    note(new HapfError('broken', 'TRK-016', message, track.description.chunk.position), track.description.chunk);
-    leaveOut(tracks, track, 'TRK-016');
-  };
-  for (const track of tracks.values()) {
-    if (track.strange || track.continues === null) continue;
-    const other = tracks.get(track.continues);
-    if (other?.strange) continue;
-    if (!other) {
-      if (!damaged) {
-        note(new HapfError('broken', 'TRK-016', `track ${track.continues} is not described`, track.description.chunk.position), track.description.chunk);
-      }
-      const left = lastOfChannel(tracks, track);
-      if (left && !fits(track, left)) leave(track, `track ${track.id} does not fit track ${left.id}`);
-      else track.continues = left ? left.id : null;
-      if (left && !track.left) left.continuedBy = track;
+// TRK-010, TRK-016: each track fits those that are left with smaller ids. Where the track between two is lost, they stay
+// one channel (14.1).
+function linkContinued({ tracks, allTracks, damaged, note }) {
+  const owners = new Set(); // the channel numbers of all tracks, and of those that are supported
+  const supported = new Set();
+  const last = new Map(); // by first channel
+  for (const track of [...tracks.values()]) {
+    if (track.kind === 'hf' || track.kind === 'events') continue;
+    const { chunk } = track.description;
+    const fault = (requirement, message, soft) => note(new HapfError('broken', requirement, message, chunk.payloadStart), chunk, soft);
+    const left = last.get(track.firstChannel);
+    const other = known(tracks, track.continues);
+    let wrong = null;
+    if (track.strange) {
+      if (track.continues === null && track.channels.some((c) => owners.has(c))) wrong = 'TRK-010';
+    } else if (left && track.continues !== null) {
+      if ((other && other !== left) || !fits(track, left)) wrong = 'TRK-016';
+    } else if (other) {
+      wrong = 'TRK-016';
+    } else {
+      const taken = track.continues === null ? owners : supported;
+      if (track.channels.some((c) => taken.has(c))) wrong = 'TRK-010';
+    }
+    if (wrong) {
+      fault(wrong, wrong === 'TRK-010' ? `a channel of track ${track.id} twice` : `track ${track.id} cannot continue track ${track.continues}`);
+      tracks.delete(track.id);
+      track.left = wrong;
       continue;
     }
-    if (isLater(other, track)) {
-      note(new HapfError('broken', 'TRK-016', `track ${other.id} is not described before`, track.description.chunk.position), track.description.chunk, true);
+    for (const channel of track.channels) owners.add(channel);
+    if (track.strange) continue;
+    if (track.continues !== null) {
+      if (!tracks.has(track.continues)) fault('TRK-016', `track ${track.continues} is not described`, true);
+      if (other && isLater(other, track)) fault('TRK-016', `track ${other.id} is not described before`, true);
+      if (!tracks.has(track.continues)) track.continues = left ? left.id : null;
     }
-    if (!fits(track, other)) leave(track, `track ${track.id} does not fit track ${other.id}`);
-    else if (other.continuedBy) leave(track, `a second track continues track ${other.id}`);
-    else other.continuedBy = track;
+    for (const channel of track.channels) supported.add(channel);
+    track.before = track.continues === null ? null : left ?? null;
+    last.set(track.firstChannel, track);
   }
-}
-
-function lastOfChannel(tracks, track) {
-  let last = null;
-  for (const other of tracks.values()) {
-    if (other !== track && other.kind !== 'hf' && other.channels[0] === track.channels[0] && other.id < track.id
-      && !other.continuedBy) last = other;
-  }
-  return last;
+  checkHoles(owners, allTracks, damaged, note);
 }
 
 // TRK-010.
-function checkChannels({ tracks, allTracks, damaged, note }) {
-  const owners = new Map();
-  for (const track of [...tracks.values()]) {
-    if (track.strange || track.kind === 'hf' || track.kind === 'events') continue;
-    const taken = track.channels.find((channel) => owners.has(channel));
-    if (taken === undefined) {
-      for (const channel of track.channels) owners.set(channel, track);
-      continue;
-    }
-    if (track.continues !== null) continue;
-    note(new HapfError('broken', 'TRK-010', `channel ${taken} twice`, track.description.chunk.payloadStart), track.description.chunk);
-    leaveOut(tracks, track, 'TRK-010');
-  }
-  const complete = ![...allTracks.values()].some((track) => track.strange);
+function checkHoles(owners, allTracks, damaged, note) {
   let next = 0;
   while (owners.has(next)) next++;
-  if (owners.size > next && complete && !damaged) {
-    const after = [...owners.entries()].filter(([channel]) => channel > next).sort((a, b) => a[0] - b[0])[0];
-    const { chunk } = after[1].description;
-    note(new HapfError('broken', 'TRK-010', `no channel ${next}, but channel ${after[0]}`, chunk.payloadStart), chunk, 'closed');
-  }
+  if (owners.size <= next || damaged) return;
+  const track = [...allTracks.values()].find(({ channels }) => channels.some((channel) => channel > next));
+  const { chunk } = track.description;
+  note(new HapfError('broken', 'TRK-010', `no channel ${next}, but a higher one`, chunk.payloadStart), chunk, 'closed');
 }
 
 // Tracks that continue one another have one `chain`; their HF tracks another one.
 function linkChains(tracks) {
   for (const track of tracks.values()) {
-    const before = track.continues === null ? null : tracks.get(track.continues);
-    track.chain = before && before.chain !== undefined ? before.chain : track.id;
+    track.chain = track.before?.chain ?? track.id;
   }
   for (const track of tracks.values()) {
     const base = track.kind === 'hf' && tracks.get(track.base);

@@ -88,6 +88,8 @@ function describe(track, faults) {
   const strange = strangePart(track);
   track.unsupported = strange ? strange.message : null;
   track.setup = null;
+  const last = track.firstChannel + track.componentCount - 1;
+  if (track.kind !== 'events' && last > 65534) broken('TRK-010', `channel ${last}`, track.at + 24);
   if (strange) {
     faults.push(strange);
     // What else the description says may refer to what is not understood: nothing more is held against it.
@@ -110,13 +112,20 @@ function strangePart(track) {
   if (!track.kind) return new HapfError('unsupported', 'TRK-011', `kind ${track.kindNumber}`, at + 2);
   if (!track.numberFormat) return new HapfError('unsupported', 'TRK-011', `number format ${track.formatNumber}`, at + 3);
   const tlv = [...tlvs.values()].find(({ type }) => type % 2 === 1 && !KNOWN_TLVS.has(type));
-  return tlv ? new HapfError('unsupported', 'TLV-003', `unknown critical TLV ${tlv.type}`, tlv.offset - 4) : null;
+  if (tlv) return new HapfError('unsupported', 'TLV-003', `unknown critical TLV ${tlv.type}`, tlv.offset - 4);
+  return CODECS.includes(track.codec) ? null : new HapfError('unsupported', 'TRK-011', `unknown codec ${track.codec}`, at + 4);
 }
+
+const channelsOf = ({ kind, componentCount, firstChannel }) => (
+  kind === 'events' ? [] : Array.from({ length: componentCount }, (_, c) => firstChannel + c)
+);
 
 function describeBarely(track) {
   const all = (value) => new Array(track.componentCount).fill(value);
+  const linked = track.linked === NONE ? null : track.linked;
   Object.assign(track, {
-    countMin: 0, countMax: 0, channels: [], base: null, continues: null, parameters: null, parametersOffset: null,
+    countMin: 0, countMax: 0, channels: channelsOf(track), base: track.kind === 'hf' ? linked : null,
+    continues: track.kind === 'full' || track.kind === 'lf' ? linked : null, parameters: null, parametersOffset: null,
     calibrations: all(NO_CALIBRATION), contract: null, deviation: null, strange: true,
   });
   for (const name of Object.values(STRINGS)) track[name] = all('');
@@ -145,8 +154,6 @@ function checkKind(track) {
     if (!good) broken('TRK-019', 'a track of kind events with other fields than it may have', at);
     const type = [...tlvs.keys()].find((t) => KNOWN_TLVS.has(t) && ![2, 14, 22].includes(t));
     if (type !== undefined) broken('TRK-019', `TLV ${type} of a track of kind events`, tlvs.get(type).offset - 4);
-  } else if (track.firstChannel + track.componentCount - 1 > 65534) {
-    broken('TRK-010', `channel ${track.firstChannel} first`, at + 24);
   }
   if (track.numberFormat !== 'counts' && kind !== 'events') {
     if (kind !== 'full' || countMin !== 0 || countMax !== 0 || tlvs.has(3) || tlvs.has(16) || track.codec !== 'RAWB') {
@@ -156,7 +163,7 @@ function checkKind(track) {
 }
 
 function fill(track) {
-  const { kind, componentCount, tlvs, firstChannel, linked } = track;
+  const { kind, componentCount, tlvs, linked } = track;
   const read = (type, reading) => (tlvs.has(type) ? reading(tlvs.get(type), componentCount) : null);
   const all = (list, absent) => (list?.length === componentCount ? list : new Array(componentCount).fill(list ? list[0] : absent));
   for (const [type, name] of Object.entries(STRINGS)) track[name] = all(read(+type, readStrings), name === 'units' ? '1' : '');
@@ -167,18 +174,13 @@ function fill(track) {
   track.provenance = read(22, readText);
   track.parameters = tlvs.get(1)?.value ?? null;
   track.parametersOffset = tlvs.get(1)?.offset ?? track.at;
-  track.channels = kind === 'events' ? [] : Array.from({ length: componentCount }, (_, c) => firstChannel + c);
+  track.channels = channelsOf(track);
   track.base = kind === 'hf' ? linked : null;
   track.continues = kind !== 'hf' && linked !== NONE ? linked : null;
   track.continuesAsRead = track.continues;
 }
 
 function readSetup(track, faults) {
-  if (!CODECS.includes(track.codec)) {
-    track.unsupported = `codec ${track.codec}`;
-    faults.push(new HapfError('unsupported', 'TRK-011', `unknown codec ${track.codec}`, track.at + 4));
-    return;
-  }
   try {
     track.setup = parseParameters(track.codec, track.parameters, track, track.parametersOffset);
   } catch (error) {

@@ -3,7 +3,7 @@ import { decodeEvents, decodePacket } from './codecs.js';
 import { TrackDigest } from './digest.js';
 import { HapfError } from './error.js';
 import { openFile } from './file.js';
-import { judge, settle } from './report.js';
+import { breaksRule, judge, settle } from './report.js';
 
 // Nothing is kept of what is decoded here, so that only time bounds it (LIM-003).
 const SAMPLE_BOUND = 2 ** 30;
@@ -15,10 +15,12 @@ export const noteOf = ({ requirement, offset, message, kind }, packet) => ({
 export function verifyFile(bytes, { recovering = false } = {}) {
   const file = openFile(bytes, { recovering });
   if (!file.refused) {
-    const digests = decodeAll(file);
+    // CHK-009.
+    const digests = file.criticalUnknown && !recovering ? new Map() : decodeAll(file);
     guarded(file, () => {
       settle(file);
-      compareDigests(file, digests);
+      // DGS-002.
+      if (file.damaged || recovering || !breaksRule(file)) compareDigests(file, digests);
     });
   }
   judge(file);
@@ -101,6 +103,7 @@ function lastDigests(file) {
 function compareDigests(file, computed) {
   const incomplete = new Set();
   for (const { took = [] } of file.damages) for (const { track } of took) incomplete.add(track);
+  for (const { track } of file.lost) incomplete.add(track);
   for (const packet of file.held) if (!packet.delivered || packet.undecoded) incomplete.add(packet.track);
   file.incomplete = incomplete;
   file.digestsKept = [];

@@ -74,7 +74,7 @@ class System(NamedTuple):
         return sqrt(self.mode(True)[0])
 
     def check(self) -> None:
-        """Raise ParameterError for what no body is."""
+        """Raise ParameterError for values that no body has."""
         if not all(map(isfinite, self)) or self.mass_kg <= 0 or min(self[1:]) < 0:
             raise ParameterError(
                 "a system needs a mass above 0 and springs and dampers from 0 on, all finite"

@@ -96,7 +96,7 @@ def bent(joint: Joint, closed: Floats, rng: np.random.Generator) -> Floats:
 
 
 def wandering(joint: Joint, rng: np.random.Generator) -> Callable[[Floats], Floats]:
-    """Angles of the wrist, which takes no part in a grasp, at times."""
+    """Angles of the wrist at times; the wrist does not move with a grasp."""
     rms, waves = WRIST_WANDER[WRIST.index(joint)], Waves(rng, 0.05, 0.4)
     return lambda t: np.asarray(joint.open + rms * waves.at(t))
 
@@ -107,7 +107,7 @@ Radwin and others, "External finger forces in submaximal five-finger static pinc
 Ergonomics 35, 1992: 33, 33, 17 and 15 %."""
 
 FINGER_KG, FINGER_N_PER_M, FINGER_NS_PER_M = 0.008, 300.0, 2.0
-"""A fingertip as the object meets it, each to an order of magnitude."""
+"""A fingertip as the object meets it; orders of magnitude."""
 
 LATE_S = 0.06
 """Fingers begin within this time of each other."""

@@ -114,7 +114,7 @@ class Repeats:
         self.strength = rng.uniform(0.85, 1.15, self.count)
 
     def at(self, t: Floats) -> tuple[NDArray[np.int64], Floats]:
-        """Which one it is, and the seconds since it began (negative before)."""
+        """The number of the action, and the seconds since it began (negative before)."""
         number = np.minimum((t / self.every_s).astype(np.int64), self.count - 1)
         return number, t - number * self.every_s - self.late_s[number]
 
@@ -126,7 +126,7 @@ early enough to be up 0.1 s before the end. In recordings below 1 s all three ti
 
 
 class StrokeMotion:
-    """What is not asked for is not computed: a flat plane does not care where on it the tip is."""
+    """A stroke over the plane. Without a texture the place of the tip is not computed."""
 
     def __init__(self, stroke: Stroke, grid: StepGrid, rng: np.random.Generator) -> None:
         self.grid, self.stroke = grid, stroke
@@ -140,13 +140,13 @@ class StrokeMotion:
             self.again = Repeats(rng, grid.ticks / grid.rate_hz, touches.every_s, lasts)
 
     def speed(self, t: Floats) -> Floats:
-        """m/s."""
+        """Speed along the plane in m/s."""
         slowest, fastest = self.stroke.speed_m_per_s
         half = (fastest - slowest) / 2
         return np.asarray(slowest + half + half * np.clip(self.pace.at(t) / 2, -1, 1))
 
     def heading(self, t: Floats) -> Floats:
-        """Radians."""
+        """Direction on the plane in radians."""
         return np.asarray(2 * np.pi * (self.heading_start + t / 5) + 0.3 * self.turns.at(t))
 
     def path(self, t: Floats) -> tuple[Floats, Floats]:
@@ -166,7 +166,7 @@ class StrokeMotion:
         return np.asarray(path - self.grid.dt_s / 2 * (first + velocity))
 
     def press(self, t: Floats) -> Floats:
-        """What the hand would push with at rest, newtons."""
+        """Force of the hand at rest, newtons."""
         wander = 0.12 * self.slow_press.at(t)
         return np.asarray(self.stroke.press_n * (1 + wander) + 0.006 * self.fast_press.at(t))
 

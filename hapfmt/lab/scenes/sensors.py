@@ -15,7 +15,7 @@ from .motion import Floats
 
 RESOLUTION_BITS = 31
 READ_SAMPLES = 1 << 18
-"""Read at a time."""
+"""Samples read at a time."""
 
 
 @dataclass(frozen=True)

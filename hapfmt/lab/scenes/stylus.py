@@ -8,7 +8,7 @@ contact acts as well.
 
 Both modes, free and touching, are linear. A step within one mode is a matrix exponential: exact,
 and stable at any stiffness. The moment of contact is detected up to one step late. If the step is
-too long for the stiffness, the contact gains energy at each impact and bounces for ever. So the
+too long for the stiffness, the contact gains energy at each impact and bounces without end. So the
 step is chosen from the stiffness.
 """
 
@@ -46,7 +46,7 @@ STEP_HZ = 20_000
 STEPS_PER_RADIAN = 10
 """Steps of the scene: 20 kHz, or 10 per radian of the contact's natural frequency where that is
 more, from 240 kN/m on. Peak of the first impact at 100 kN/m: 7.7 N, and 7.5 N with steps of 100
-kHz; at 1 kHz the same contact bounces for ever."""
+kHz; at 1 kHz the same contact bounces without end."""
 
 
 def simulate(

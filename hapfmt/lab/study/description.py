@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, field
 
@@ -57,7 +57,6 @@ def refuse_special(descriptor: int, path: str | Path, largest: int) -> None:
 
 
 Role = Literal["test", "reference", "anchor"]
-ROLES = get_args(Role)
 Preset = Literal[
     "lossless", "near-lossless", "perceptual", "paper",
     # Old names.

@@ -275,7 +275,7 @@ class AnswerFile:
 
 
 def refuse_others(found: dict[str, Any], wanted: dict[str, Any]) -> None:
-    """Answers that were given to something else, or by somebody else, or felt in another way."""
+    """Refuses answers to another study, of another subject, or through another output."""
     if found["subject"] != wanted["subject"]:
         raise ParameterError(
             f"holds the answers of {found['subject']!r}, not of {wanted['subject']!r}: one file "
@@ -412,7 +412,7 @@ class Rating:
         self.begin(self.first_open())
 
     def back(self) -> None:
-        """The question before this one, of the same session, once more."""
+        """Asks the previous question of the same session again."""
         if self.number == 0 or self.trial is None:
             raise NotYetError("there is no question before this one")
         before = self.trials[self.number - 1]

@@ -82,7 +82,7 @@ class Errors:
             self.lines.append(line[:COLUMNS])
 
     def wait(self, seconds: float) -> None:
-        """Until all that could write there have ended, so long at most."""
+        """Waits at most this many seconds for the end of all processes that write there."""
         self.thread.join(seconds)
         if self.thread.is_alive():
             self.lines.append(f"a process has not ended after {seconds:.0f} s more")

@@ -130,13 +130,6 @@ class Lateness:
         self.count += 1
         self.max = max(self.max, time_ns)
 
-    def merge(self, other: Lateness) -> None:
-        """Merges the times of ``other`` into this."""
-        for index, count in other._classes.items():
-            self._classes[index] = self._classes.get(index, 0) + count
-        self.count += other.count
-        self.max = max(self.max, other.max)
-
     def percentiles(self, per_mille: Iterable[int] = (500, 990, 999)) -> tuple[int, ...]:
         """For each share, the least time that this share of all times does not exceed; 0 if
         there are none."""
@@ -152,20 +145,6 @@ class Lateness:
                     break
             found.append(value)
         return tuple(found)
-
-    def to_json(self) -> dict[str, object]:
-        """All of it, to be sent to another process and merged there."""
-        return {"max": self.max, "classes": [list(item) for item in sorted(self._classes.items())]}
-
-    @classmethod
-    def from_json(cls, value: dict[str, object]) -> Lateness:
-        found = cls()
-        classes = value["classes"]
-        assert isinstance(classes, list) and isinstance(value["max"], int)
-        found._classes = {int(index): int(count) for index, count in classes}
-        found.count = sum(found._classes.values())
-        found.max = value["max"]
-        return found
 
 
 LEAD_NS = 5_000_000

@@ -235,7 +235,7 @@ class Outlet:
         self.broken = True
 
     def drain(self, seconds: float) -> None:
-        """Waits for the other side, so long at most."""
+        """Waits for the other side, at most this many seconds."""
         while self.waiting and not self.broken and seconds > 0:
             with suppress(OSError):
                 select.select([], [self.descriptor], [], 0.05)

@@ -128,7 +128,7 @@ class Watchdog:
     def trip(self, cause: str) -> None:
         """Sends neutral frames, at least as many as requested, until the writer is done or gone."""
         began = seconds()
-        # A device that takes nothing can hold a call for seconds; not this process for ever.
+        # A device that takes nothing can hold a call for seconds; but not this process without end.
         faulthandler.dump_traceback_later(LONGEST_S, exit=True)
         self.neutral()
         first_ms = (seconds() - began) * 1000
@@ -177,7 +177,7 @@ def main() -> int:
         target.send(pack_json(Kind.READY, error=str(error) or repr(error)))
         target.drain(1.0)
         return error.exit_code if isinstance(error, HapfmtError) else 1
-    # Above the writer: one that spins for ever must not keep its watchdog from running.
+    # Above the writer: one that spins without end must not keep its watchdog from running.
     got = children.apply(children.PRIORITY + 1) if setup.realtime else children.nothing()
     target.send(pack_json(Kind.READY, realtime=got))
     try:
@@ -298,7 +298,7 @@ class Guard:
         self.target.drain(1.0)
 
     def end(self, seconds: float = 5.0) -> None:
-        """Waits for its process, so long at most."""
+        """Waits for its process, at most this many seconds."""
         self.target.close()
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:

@@ -89,7 +89,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class Mapped:
-    """Bytes that a function makes of counts (maps.py)."""
+    """Bytes that a function makes of counts (packing.py)."""
 
     at: int
     function: str

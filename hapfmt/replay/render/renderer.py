@@ -64,7 +64,7 @@ class Position(NamedTuple):
 
 
 class Renderer:
-    """``start``, ``stop``: seconds of the recording; ``loops``: how often, 0 for ever.
+    """``start``, ``stop``: seconds of the recording; ``loops``: how often, 0: without end.
 
     Sample n of the device is what the channel was at start + n * speed / rate. Between two times
     lie two ramps without signal. The reader is the renderer's as long as blocks are made.

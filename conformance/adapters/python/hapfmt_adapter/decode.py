@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hapfmt.codecs.events import CodedEvent
+from hapfmt.errors import FormatError, verdict_of
 from hapfmt.format.extras import parse_clock, parse_map
 from hapfmt.format.layout import TRACK
 from hapfmt.format.track import Track, split
@@ -27,13 +28,17 @@ def decode_into(source: str, folder: str) -> int:
     """Writes decode.json and raw files; the exit code of SPEC clause 13."""
     room = Path(folder)
     with Reader(source, scan=True) as reader:
-        write_json(room / "decode.json", decoded(reader, room))
+        try:
+            write_json(room / "decode.json", decoded(reader, room))
+        except FormatError as error:
+            codes = (finding.code for finding in reader.findings)
+            return verdict_of(codes, error=error, unknown=reader.catalogue.not_understood)
         return reader.exit_code
 
 
 def decoded(reader: Reader, room: Path) -> dict[str, Any]:
     catalogue = reader.catalogue
-    tracks, layers = decode_tracks(reader)
+    tracks, layers, broken = decode_tracks(reader)
     reader.lost.extend(reader.lost_parts(catalogue.channels, "full"))
     return {
         "head": head_json(catalogue),
@@ -42,7 +47,7 @@ def decoded(reader: Reader, room: Path) -> dict[str, Any]:
             for id_ in sorted(tracks)
             if not tracks[id_].track.unsupported
         ],
-        "channels": channels_json(catalogue, tracks, room),
+        "channels": channels_json(catalogue, tracks, room, broken),
         "lf": band_json(catalogue, tracks, "lf", room),
         "hf": band_json(catalogue, tracks, "hf", room),
         "layers": [layer_json(catalogue, layer, layers[layer.id]) for layer in known(catalogue)],
@@ -54,23 +59,29 @@ def decoded(reader: Reader, room: Path) -> dict[str, Any]:
     }
 
 
-def decode_tracks(reader: Reader) -> tuple[dict[int, Decoded], dict[int, list[CodedEvent]]]:
-    """Numbers and events by track ids; nothing of those that are unsupported."""
+def decode_tracks(
+    reader: Reader,
+) -> tuple[dict[int, Decoded], dict[int, list[CodedEvent]], set[int]]:
+    """Numbers and events by track ids, nothing of those that are unsupported; the tracks of which
+    exact values break a rule."""
     all_tracks = reader.catalogue.tracks.values()
     tracks = {track.id: Decoded(track) for track in all_tracks if track.kind != "events"}
     layers: dict[int, list[CodedEvent]] = {layer.id: [] for layer in known(reader.catalogue)}
+    broken: set[int] = set()
     samples = events = 0
     supported = [track for track in all_tracks if not track.unsupported]
     for piece in reader.pieces(supported, exact=True):
+        if piece.fault is not None:
+            broken.add(piece.track.id)
         if piece.track.kind == "events":
             layers[piece.track.id] += piece.events
             events += len(piece.events)
-            reader.limits.check_events(events)
+            reader.limits.check("events", events)
         else:
             samples += piece.numbers.size
-            reader.limits.check_samples(samples)
+            reader.limits.check("samples", samples)
             tracks[piece.track.id].add(piece.start, piece.numbers, piece.exact)
-    return tracks, layers
+    return tracks, layers, broken
 
 
 def known(catalogue: Catalogue) -> list[Track]:
@@ -122,7 +133,7 @@ def track_json(catalogue: Catalogue, found: Decoded, room: Path) -> dict[str, An
 
 
 def channels_json(
-    catalogue: Catalogue, tracks: dict[int, Decoded], room: Path
+    catalogue: Catalogue, tracks: dict[int, Decoded], room: Path, broken: set[int]
 ) -> list[dict[str, Any]]:
     assembly = Assembly(tracks, "full")
     out = []
@@ -142,7 +153,7 @@ def channels_json(
         if calibration:
             values = calibration.physical(channel.stored)
             one["physical"] = write_numbers(room, f"{name}.physical", values)
-        if has_exact(ref):
+        if has_exact(ref) and broken.isdisjoint(track.id for track in ref.tracks):
             one["exact"] = write_numbers(room, f"{name}.exact", channel.samples())
         out.append(one)
     return out
@@ -151,7 +162,7 @@ def channels_json(
 def supported_channels(catalogue: Catalogue) -> Iterator[ChannelRef]:
     """Channels of which a track can be decoded."""
     for ref in catalogue.channels:
-        if any(not track.unsupported for track in ref.tracks):
+        if any(not part.track.unsupported for part in ref.parts):
             yield ref
 
 
@@ -225,7 +236,7 @@ def attachments_json(catalogue: Catalogue) -> Iterator[dict[str, Any]]:
     size = 0
     for attachment, offset in catalogue.each_attachment():
         size += len(attachment.content)
-        catalogue.limits.check_attachments(size, offset)
+        catalogue.limits.check("attachments", size, offset)
         yield {
             "name": attachment.name,
             "media_type": attachment.media_type,

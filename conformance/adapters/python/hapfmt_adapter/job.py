@@ -29,7 +29,7 @@ UNSUPPORTED = 4
 
 def read_job(path: Path) -> tuple[Recording, dict[str, Any]]:
     """The recording that a job describes, and the job itself."""
-    Limits().check_metadata(path.stat().st_size, 0)
+    Limits().check("metadata", path.stat().st_size, 0)
     job = json.loads(path.read_text(encoding="utf-8"))
     channels = tuple(channel_of(one, path.parent) for one in job["channels"])
     layers = job.get("events", [])
