@@ -1,4 +1,4 @@
-"""tools/mutants.py: every mutant of a module, and which of them the tests of it kill."""
+"""tools/mutate.py: every mutant of a module, and which of them the tests of it kill."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spec import ROOT
 
 pytest.importorskip("resource", reason="the tool needs POSIX")
 
-TOOL = ROOT / "tools" / "mutants.py"
+TOOL = ROOT / "tools" / "mutate.py"
 
 SOURCE = '''
 """A text is no statement."""
@@ -59,7 +59,7 @@ CHANGES = """
 
 @pytest.fixture(scope="module")
 def mutants():
-    """The tool as a module. (Another one has the name ``mutants``.)"""
+    """The tool as a module."""
     sys.path.insert(0, str(ROOT / "tools"))
     spec = spec_from_file_location("mutants_of_a_module", TOOL)
     module = module_from_spec(spec)

@@ -1,6 +1,6 @@
 """Mutants of one module: which of its possible mistakes do the given tests find?
 
-python tools/mutants.py hapfmt/replay/schedule.py --tests "tests/test_replay_schedule.py"
+python tools/mutate.py hapfmt/replay/schedule.py --tests "tests/test_replay_schedule.py"
 
 Each mutant changes one place of the module: a comparison, a sign, a number, a condition, a result,
 or a statement that is left out. A process of its own imports it and runs the tests up to the first
