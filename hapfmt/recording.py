@@ -270,7 +270,7 @@ def upright(x: Any, labelled: int | None, transpose: bool | None, what: str, adv
     if rows > columns > 0 and labelled != rows:
         raise ParameterError(
             f"{what} is {rows} x {columns}, read as {rows} channels of {columns} samples; if it is "
-            f"{columns} channels, {advice}; if not, transpose=False (--no-transpose)"
+            f"{columns} channels, {advice}; if not, transpose=False"
         )
     return x
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -264,3 +265,43 @@ class TestReading:
         path.write_bytes(b"\x00\x01" * 300)
         with pytest.raises(ParameterError, match=f"{way}.*then call hapfmt.write"):
             hapfmt.read(path)
+
+
+class TestWords:
+    """Errors name keywords in Python, and options on the command line."""
+
+    def test_python(self, tmp_path: Path) -> None:
+        path = tmp_path / "x.hapf"
+        hapfmt.write(SINE, path, rate=1000)
+        for words, call in {
+            "; use force=True to overwrite": lambda: hapfmt.write(SINE, path, rate=1000),
+            "^max_error requires preset": lambda: hapfmt.Settings.of(max_error="1%"),
+            "^texture=False requires": lambda: hapfmt.Settings.of("paper", texture=False),
+            r"^rate is above 0 samples per second, not 0$": lambda: Channel(SINE, 0),
+        }.items():
+            with pytest.raises(ParameterError, match=words) as caught:
+                call()
+            assert "--" not in str(caught.value)
+
+    def test_command_line(self, tmp_path: Path) -> None:
+        np.save(tmp_path / "x.npy", np.zeros((50, 3)))
+        np.save(tmp_path / "y.npy", SINE)
+        (tmp_path / "z.hapf").touch()
+        for words, arguments in {
+            b"use --force to overwrite": ["y.npy", "z.hapf", "--rate", 1000],
+            b"hapfmt: --max-error requires preset": ["y.npy", "o.hapf", "--max-error", "1%"],
+            b"give one (--rate)": ["y.npy", "o.hapf"],
+            b"use --transpose; if not, --no-transpose": ["x.npy", "o.hapf", "--rate", 1000],
+        }.items():
+            done = run("encode", *arguments, cwd=tmp_path)
+            assert done.returncode == 1 and words in done.stderr, done.stderr
+
+    def test_no_option_in_a_message_for_python(self) -> None:
+        package = Path(hapfmt.__file__).parent
+        found = [
+            f"{path.name}: {text}"
+            for part in ("convert", "encoder", "reading", "edit", "format", "codecs")
+            for path in (package / part).glob("*.py")
+            for text in re.findall(r"""(?:Error|refuse)\([^()]*--[a-z][^()]*""", path.read_text())
+        ]
+        assert found == []
