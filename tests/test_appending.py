@@ -75,7 +75,7 @@ def recording(path: Path, clusters: int = 3, *, close: bool = True) -> None:
 
 class TestClosedFiles:
     """
-    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file with damage before that end, or with an unknown critical chunk.
+    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file in which it finds damage before that end, or an unknown critical chunk. It need not read payloads that an index lists.
     """
 
     @pytest.mark.parametrize("close", [True, False])
@@ -453,7 +453,7 @@ class TestCutFiles:
 
 class TestRefusals:
     """
-    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file with damage before that end, or with an unknown critical chunk.
+    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file in which it finds damage before that end, or an unknown critical chunk. It need not read payloads that an index lists.
     """
 
     def refused(self, path: Path, data: bytes, kind: type[HapfmtError], message: str) -> None:

@@ -25,7 +25,8 @@ def reads(suffix: str) -> Callable[[bytes], None]:
             out = io.BytesIO()
             notes = settled(save, found, out, format=suffix, max_memory=MEMORY)
             if notes is not None:
-                read(io.BytesIO(out.getvalue()), format=suffix, rate="1000")
+                again = io.BytesIO(out.getvalue())
+                assert settled(read, again, format=suffix, rate="1000") is not None
 
     return run
 

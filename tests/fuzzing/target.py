@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, TypeVar
 
-from hapfmt.errors import HapfmtError
+from hapfmt.errors import DataWarning, HapfmtError, MovedTimesWarning
 
 T = TypeVar("T")
 
@@ -23,12 +24,15 @@ class Target(NamedTuple):
 
 
 def settled(call: Callable[..., T], *given: Any, **named: Any) -> T | None:
-    """The value, or None where one of our errors says why there is none."""
-    try:
-        return call(*given, **named)
-    except HapfmtError as error:
-        assert str(error)
-        return None
+    """The value, or None where one of our errors says why there is none. Our warnings are allowed."""
+    with warnings.catch_warnings():
+        for ours in (DataWarning, MovedTimesWarning):
+            warnings.simplefilter("ignore", ours)
+        try:
+            return call(*given, **named)
+        except HapfmtError as error:
+            assert str(error)
+            return None
 
 
 def outcome(call: Callable[[], T]) -> T | tuple[str, str | None, int | None, str]:
