@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -305,3 +306,51 @@ class TestWords:
             for text in re.findall(r"""(?:Error|refuse)\([^()]*--[a-z][^()]*""", path.read_text())
         ]
         assert found == []
+
+
+class TestGuesses:
+    def test_seconds_of_a_channel(self) -> None:
+        rec = Recording.from_array({"fx": SINE, "fy": SINE}, 1000)
+        part = rec["fx"].sel(start=1, stop=1.5)
+        assert np.array_equal(part.to_numpy(), SINE[1000:1500]) and part.times()[0] == 1
+        with pytest.raises(ParameterError, match="5 to 2 s; start is after stop"):
+            rec["fx"].sel(5, 2)
+        with pytest.raises(ParameterError, match=r"sel\(start=1, stop=2\).*to_numpy\(1, 2\)"):
+            rec["fx"][1.0:2.0]
+        with pytest.raises(ParameterError, match=r"rec\.sel\(start=1, stop=2\)"):
+            rec[1.0:2.0]  # type: ignore[index]
+        with pytest.raises(hapfmt.UnknownChannelError, match=r"rec\.sel\('f\*'\) selects them"):
+            rec["f*"]
+
+    def test_rate_and_array(self) -> None:
+        rec = Recording.from_array({"fx": SINE, "fy": SINE}, 1000)
+        assert rec.rate == 1000 and np.asarray(rec).shape == (2, 2000)
+        two = Recording.from_array({"fx": SINE, "x": SINE[:500]}, {"fx": 1000, "x": 250})
+        with pytest.raises(ParameterError, match=r"2 rates \(250 Hz, 1000 Hz\); rec\['label'\]"):
+            two.rate  # noqa: B018
+        for call in (np.asarray, Recording.to_pandas):
+            pytest.importorskip("pandas")
+            with pytest.raises(ParameterError, match=r"sel\(\['fx'\]\), or use rec\.to_xarray"):
+                call(two)
+
+    def test_plot(self) -> None:
+        pytest.importorskip("matplotlib")
+        rec = Recording.from_array({"fx": SINE, "fy": SINE}, 1000)
+        assert len(hapfmt.plot(rec).axes) >= 2
+        assert hapfmt.plot(rec.sel("fx"), start=1).axes
+
+    def test_xarray_there_and_back(self, tmp_path: Path) -> None:
+        pytest.importorskip("xarray")
+        two = Recording.from_array(
+            {"x": SINE[:500], "fx": SINE, "y": SINE[:500]}, {"fx": 1000, "x": 250, "y": 250}
+        )
+        two = replace(two, metadata={"subject": "S7"}, epoch_ns=1_700_000_000 * 10**9)
+        dataset = two.to_xarray()
+        assert set(dataset.dims) == {"time_250Hz", "time_1000Hz"}
+        assert dataset.attrs["source"].startswith("hapfmt ")
+        hapfmt.write(dataset, tmp_path / "x.hapf")
+        back = hapfmt.read(tmp_path / "x.hapf")
+        assert back.labels == two.labels and back.epoch_ns == two.epoch_ns
+        assert [c.rate for c in back] == [c.rate for c in two]
+        assert all(map(np.array_equal, map(np.asarray, back), map(np.asarray, two)))
+        assert back.metadata["subject"] == "S7"
