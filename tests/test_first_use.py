@@ -354,3 +354,24 @@ class TestGuesses:
         assert [c.rate for c in back] == [c.rate for c in two]
         assert all(map(np.array_equal, map(np.asarray, back), map(np.asarray, two)))
         assert back.metadata["subject"] == "S7"
+
+
+class TestRecorder:
+    @pytest.mark.parametrize("arguments", [([1, 2, 3],), ({"a": [1.0]},), ([1, 2], [3, 4])])
+    def test_write_without_a_label(self, arguments: Any, tmp_path: Path) -> None:
+        with hapfmt.Recorder(tmp_path / "x.hapf", [hapfmt.Input("a", 1000)]) as recorder:
+            with pytest.raises(ParameterError, match=r"write_all takes .*, write_rows an array"):
+                recorder.write(*arguments)
+            recorder.write("a", [1.0])
+            assert not {"put", "drop"} & set(dir(recorder))
+        assert hapfmt.read(tmp_path / "x.hapf").sample_count == 1
+
+    def test_a_file_that_was_not_closed(self, tmp_path: Path) -> None:
+        with hapfmt.Recorder(tmp_path / "x.hapf", [hapfmt.Input("a", 1000)]) as recorder:
+            recorder.write("a", SINE)
+            recorder.flush()
+            data = (tmp_path / "x.hapf").read_bytes()
+        report = hapfmt.verify(data)
+        assert report.verdict == "damaged" and report.exit_code == 3
+        assert report.headline().startswith("damaged, not closed; ")
+        assert hapfmt.verify(tmp_path / "x.hapf").headline().startswith("intact; ")
