@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import run
+from commands import run, run_in_terminal
 
 import hapfmt
 from hapfmt import Channel, ParameterError, Recording
@@ -375,3 +375,13 @@ class TestRecorder:
         assert report.verdict == "damaged" and report.exit_code == 3
         assert report.headline().startswith("damaged, not closed; ")
         assert hapfmt.verify(tmp_path / "x.hapf").headline().startswith("intact; ")
+
+
+class TestNarrowTerminal:
+    def test_not_closed_stays_together(self, tmp_path: Path) -> None:
+        with hapfmt.Recorder(tmp_path / "x.hapf", [hapfmt.Input("a", 1000)]) as recorder:
+            recorder.write("a", SINE)
+            recorder.flush()
+            for columns in range(50, 100, 3):
+                done = run_in_terminal("info", "x.hapf", cwd=tmp_path, columns=columns)
+                assert b"NOT CLOSED" in done.stdout
