@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         UnsupportedError,
     )
     from .format.extras import ClockMap, ClockObservation
+    from .lab.plotting.pages import plot
     from .limits import Limits
     from .reading.clocks import fit_clock
     from .reading.follow import Follower
@@ -63,6 +64,7 @@ _PLACES = {
     "ClockMap": "format.extras",
     "ClockObservation": "format.extras",
     "Limits": "limits",
+    "plot": "lab.plotting.pages",
     "fit_clock": "reading.clocks",
     "Follower": "reading.follow",
     "Reader": "reading.reader",
@@ -113,6 +115,7 @@ __all__ = [
     "__version__",
     "fit_clock",
     "load",
+    "plot",
     "read",
     "recover",
     "recover_in_place",

@@ -148,7 +148,7 @@ def refuse(name: str, force: bool) -> None:
             # Another user may have chosen its target.
             raise refusal(
                 f"{name} is a symbolic link to a file that does not exist; "
-                "use --force (force=True) to write it"
+                "use force=True to write it"
             ) from None
         parent = Path(os.path.realpath(name)).parent
         if not parent.is_dir():
@@ -159,7 +159,7 @@ def refuse(name: str, force: bool) -> None:
     if not stat.S_ISREG(mode):
         raise refusal(f"{name} is not a regular file and cannot be replaced")
     if not force:
-        raise refusal(f"{name} already exists; use --force (force=True) to overwrite it")
+        raise refusal(f"{name} already exists; use force=True to overwrite it")
     if in_use(path):
         raise refusal(f"Another program is writing {name}")
 

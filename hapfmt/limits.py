@@ -138,7 +138,7 @@ class Limits:
         if value > bound:
             way = f"raise Limits({name}=...)"
             if self.memory is not None and name in ROOM_FOR:
-                way = f"allow more than {self.memory} bytes of memory (--max-memory)"
+                way = f"allow more than {self.memory} bytes of memory (max_memory=)"
             raise LimitError(
                 f"{value} {COUNTED[name]} are above the limit of {bound}: {way}",
                 requirement="LIM-003",

@@ -52,6 +52,8 @@ def hertz(value: Any) -> Fraction:
         raise ParameterError(
             f"rate is a number of samples per second, such as 1000 or '44100/7', not {value!r}"
         ) from None
+    if found <= 0:
+        raise ParameterError(f"rate is above 0 samples per second, not {value}")
     is_float = isinstance(value, Real) and not isinstance(value, Rational)
     if not is_float or found <= 0 or max(found.as_integer_ratio()) < 1 << 32:
         return found
@@ -65,7 +67,7 @@ def hertz(value: Any) -> Fraction:
 
 def checked_rate(rate: Fraction) -> Fraction:
     if not (0 < rate.numerator < RATE_LIMIT and rate.denominator < RATE_LIMIT):
-        raise ParameterError("a rate is a fraction of two integers in [1, 2^64)")
+        raise ParameterError(f"a rate is a fraction of two integers from 1 to 2^64 - 1, not {rate}")
     return rate
 
 

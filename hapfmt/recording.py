@@ -8,6 +8,7 @@ tables and data frames. An event is a marker or annotation, with times in second
 
 from __future__ import annotations
 
+import json
 import os
 import uuid as _uuid
 import warnings
@@ -18,7 +19,7 @@ from fractions import Fraction
 from functools import cached_property, partial
 from itertools import accumulate
 from operator import index
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,7 @@ from .limits import AFFINE_LIMIT, EXACT_LIMIT, LAST_TRACK_ID, TICK_LIMIT
 from .numbers import counted, exact, hertz, tick_range
 from .numbers import exact as to_fraction
 from .units import given_units, split_name
+from .version import __version__
 
 
 @dataclass(frozen=True, repr=False)
@@ -136,6 +138,10 @@ def recording_of(
             "rate is one number here; for several rates give {label: array} with "
             "rate={label: samples per second}, or a list of hapfmt.Channel.from_physical(x, rate)"
         )
+    if _is_pandas(data, "Dataset", "xarray") and len(data.dims) > 1:
+        if not all(value is None for value in (rate, labels, units, transpose)):
+            raise ParameterError("a dataset of several rates holds rates, labels and units itself")
+        return _recording_of_dataset(data)
     frame = _frame_of(data)
     if frame is not None:
         if transpose is not None:
@@ -187,6 +193,34 @@ def _rates(rate: Rates, labels: Sequence[str], keys: Sequence[str]) -> list[Rate
     return found
 
 
+def _recording_of_dataset(data: Any) -> Recording:
+    """An xarray.Dataset with a time coordinate for each rate, as ``to_xarray`` makes it."""
+    if any(one.ndim != 1 for one in data.values()):
+        raise ParameterError("each variable of the xarray object needs one dimension, its time")
+    names = list(data)
+    by_time: dict[str, list[str]] = {}
+    for name in names:
+        by_time.setdefault(data[name].dims[0], []).append(name)
+    parts = [
+        _recording_of_frame(_frame_of(data[own]), None, None, None) for own in by_time.values()
+    ]
+    if len({part.epoch_ns for part in parts}) > 1:
+        raise ParameterError("the times of the xarray object begin before second 0")
+    order = [name for own in by_time.values() for name in own]
+    channels = [channel for part in parts for channel in part]
+    placed = dict(zip(order, channels, strict=True))
+    return replace(parts[0], channels=tuple(placed[name] for name in names))
+
+
+def _metadata_of(text: Any) -> dict[str, Any]:
+    """The metadata that ``to_xarray`` wrote as JSON."""
+    try:
+        found = json.loads(text) if isinstance(text, str) else {}
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
 def _recording_of_frame(
     frame: Any,
     rate: Rate | None,
@@ -218,7 +252,7 @@ def _recording_of_frame(
             for place, (name, code) in enumerate(zip(names, codes, strict=True))
         ),
         epoch_ns=epoch_ns,
-        metadata={"notes": list(notes)} if notes else {},
+        metadata=_metadata_of(frame.attrs.get("metadata")) | ({"notes": [*notes]} if notes else {}),
     )  # fmt: skip
 
 
@@ -270,7 +304,7 @@ def upright(x: Any, labelled: int | None, transpose: bool | None, what: str, adv
     if rows > columns > 0 and labelled != rows:
         raise ParameterError(
             f"{what} is {rows} x {columns}, read as {rows} channels of {columns} samples; if it is "
-            f"{columns} channels, {advice}; if not, transpose=False (--no-transpose)"
+            f"{columns} channels, {advice}; if not, transpose=False"
         )
     return x
 
@@ -387,6 +421,7 @@ def _frame_of(data: Any) -> Any:
     frame.attrs = {
         "units": {name: one.attrs["units"] for name, one in data.items() if "units" in one.attrs},
         "epoch_ns": data.attrs.get("epoch_ns"),
+        "metadata": data.attrs.get("metadata"),
     }
     return frame
 
@@ -473,8 +508,9 @@ def to_xarray(recording: Recording) -> Any:
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
     left = GAPPY_TICKS
+    times = unique([f"time_{float(rate):.6g}Hz" for rate in by_rate], [])
     for number, (rate, channels) in enumerate(by_rate.items()):
-        time = "time" if len(by_rate) == 1 else f"time_{number}"
+        time = "time" if len(by_rate) == 1 else times[number]
         first, last = extent(channels)
         left -= (last - first) * len(channels)
         if left < 0:
@@ -486,8 +522,13 @@ def to_xarray(recording: Recording) -> Any:
         for channel in channels:
             described = {"units": channel.unit, "long_name": channel.label, "rate": channel.rate}
             variables[name_of[id(channel)]] = (time, channel.filled(first, last), described)
-    about = {} if recording.epoch_ns is None else {"epoch_ns": recording.epoch_ns}
-    return xarray.Dataset(variables, coordinates, about)
+    about: dict[str, Any] = {"source": f"hapfmt {__version__}"}
+    if recording.epoch_ns is not None:
+        about["epoch_ns"] = recording.epoch_ns
+    if recording.metadata:
+        about["metadata"] = json.dumps(recording.metadata)  # a text, so that to_netcdf takes it
+    in_place = {name_of[id(channel)]: variables[name_of[id(channel)]] for channel in recording}
+    return xarray.Dataset(in_place, coordinates, about)
 
 
 def unique(labels: Sequence[str], notes: list[str]) -> list[str]:
@@ -843,6 +884,20 @@ class Channel:
         first = self.start_tick if start is None else first
         return first, max(self.stop_tick if stop is None else last, first)
 
+    def sel(self, start: Seconds | None = None, stop: Seconds | None = None) -> Channel:
+        """The samples of the seconds start <= time < stop; they keep their times.
+
+        Raises ParameterError where stop is not after start.
+        """
+        check_seconds(start, stop)
+        return self.slice_ticks(*tick_range(self.rate_exact, start, stop))
+
+    def __getitem__(self, place: object) -> NoReturn:
+        raise ParameterError(
+            "a channel has no subscripts; channel.sel(start=1, stop=2) selects seconds, "
+            "channel.to_numpy(1, 2) gives their values, and channel.to_numpy()[...] counts ticks"
+        )
+
     def __len__(self) -> int:
         """Values of :meth:`to_numpy`: samples and gaps, from the first sample to the last."""
         return self.stop_tick - self.start_tick
@@ -1004,6 +1059,11 @@ class Recording:
         """
         if isinstance(label, list):
             return self.sel(label)
+        if isinstance(label, slice):
+            raise ParameterError(
+                "a recording has no slices; rec.sel(start=1, stop=2) selects seconds, and "
+                "list(rec)[1:3] channels"
+            )
         return self.channels[self.place_of(label)]
 
     def place_of(self, label: str | int) -> int:
@@ -1019,6 +1079,10 @@ class Recording:
                 )
             if label.removeprefix("-").isdecimal() and label.isascii():
                 return self.place_of(int(label))
+            if matching(label, self.labels):
+                raise UnknownChannelError(
+                    f"{label!r} fits several channels; rec.sel({label!r}) selects them"
+                )
             raise UnknownChannelError(unknown("channel", label, self.labels))
         try:
             number = index(label)
@@ -1040,6 +1104,18 @@ class Recording:
     def duration(self) -> Fraction:
         """Seconds from the zero of the recording to the end of its last sample."""
         return max((channel.duration for channel in self.channels), default=Fraction(0))
+
+    @property
+    def rate(self) -> float:
+        """Samples per second of all channels. Raises ParameterError where they differ."""
+        rates = {channel.rate_exact for channel in self.channels}
+        if len(rates) != 1:
+            listed = ", ".join(f"{float(rate):.6g} Hz" for rate in sorted(rates)[:_SHOWN_CHANNELS])
+            raise ParameterError(
+                f"the channels have {len(rates)} rates ({listed or 'none'}); rec['label'].rate is "
+                "that of a channel"
+            )
+        return float(rates.pop())
 
     @property
     def sample_count(self) -> int:
@@ -1149,7 +1225,7 @@ class Recording:
             some = next(iter(by_rate.values()))[:2]
             raise ParameterError(
                 f"the channels have {len(by_rate)} rates ({rates}); select those of one rate, "
-                f"such as rec.sel({some!r})"
+                f"such as rec.sel({some!r}), or use rec.to_xarray()"
             )
         if not self.channels:
             return 0, 0
@@ -1157,6 +1233,13 @@ class Recording:
         low, high = tick_range(self.channels[0].rate_exact, start, stop)
         first = first if start is None else low
         return first, max(last if stop is None else high, first)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """``np.asarray(rec)`` is ``rec.to_numpy()``."""
+        if copy is False:
+            raise ValueError("an array of a recording is always a copy")
+        x = self.to_numpy()
+        return x if dtype is None else x.astype(dtype)
 
     def to_pandas(self) -> Any:
         """A pandas.DataFrame: one column for each channel, NaN in gaps, seconds as index.
@@ -1171,7 +1254,7 @@ class Recording:
     def to_xarray(self) -> Any:
         """An xarray.Dataset: one variable for each channel, NaN in gaps.
 
-        The coordinate is "time" in seconds; channels of several rates have "time_0", "time_1" ...
+        The coordinate is "time" in seconds; channels of several rates have "time_1000Hz" ...
         Labels, units and rates are in the attributes of the variables. Needs the extra "xarray".
         Raises LimitError, MissingExtraError.
         """

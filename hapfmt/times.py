@@ -159,7 +159,7 @@ class TimeStamps:
         if rate is not None:
             return self._on_given(times, rate)
         if len(self) < 2:
-            raise ParameterError("fewer than two times give no rate; use --rate")
+            raise ParameterError("fewer than two times give no rate; give one (rate=)")
         exact, rounded = self.noise, self.noise + self.resolution / 2
         whole, *gappy = _hypotheses(times, np.frombuffer(self._steps))
         likely = [line for line in gappy if self._is_likely(line)]
@@ -187,7 +187,7 @@ class TimeStamps:
         if line.spread > line.period / 2:
             raise ParameterError(
                 f"the times are not regular: they deviate by up to {line.spread:.3g} s from a "
-                f"grid of {1 / line.period:.6g} Hz; give a rate (--rate) to move each row to the "
+                f"grid of {1 / line.period:.6g} Hz; give a rate (rate=) to move each row to the "
                 "nearest tick"
             )
         # Two standard errors of the slope, were the deviations independent and uniform.

@@ -89,7 +89,7 @@ def test_options_reach_the_scene(tmp_path):
         (["sand"], "Give OUT, such as"),
         (["sand", "a.xyz"], "the suffix '.xyz' is not one of: .hapf .npz"),
         (["sand", "none/a.npz"], "does not exist"),
-        (["sand", "there.npz"], "already exists; use --force (force=True) to overwrite it"),
+        (["sand", "there.npz"], "already exists; use --force to overwrite it"),
         (["sand", "a.npz", "--preset", "paper"], "--preset requires a .hapf output"),
         (["sand", "a.npz", "--seconds", "-1"], "seconds: -1.0 is out of range"),
         (["sand", "a.npz", "--seconds", "nan"], "seconds: nan is out of range"),

@@ -245,7 +245,7 @@ class TestEveryFormat:
     def test_memory_is_bounded(self, suffix: str) -> None:
         stream = io.BytesIO()
         save(example(1000), stream, format=suffix)
-        with pytest.raises(LimitError, match=r"1000 (bytes )?allowed|than 1000 bytes.*--max-mem"):
+        with pytest.raises(LimitError, match=r"1000 (bytes )?allowed|than 1000 bytes.*max_mem"):
             read(io.BytesIO(stream.getvalue()), format=suffix, rate=100, max_memory=1000)
         far = Channel(np.zeros(2), Fraction(10), (Span(0, 1), Span(1 << 40, (1 << 40) + 1)))
         if suffix == ".csv":
@@ -255,7 +255,7 @@ class TestEveryFormat:
             back = read(stream.getvalue(), format=suffix, rate=10)
             assert back[0].coverage == far.coverage
             return
-        with pytest.raises(LimitError, match=r"gaps take .* more than .*--max-memory"):
+        with pytest.raises(LimitError, match=r"gaps take .* more than .*max_memory="):
             save(Recording((far,)), io.BytesIO(), format=suffix)
 
 
@@ -308,7 +308,7 @@ BAD_NPY: dict[str, Callable[[], bytes]] = {
     r"the array has the shape \(True, 10\), not one of integers": lambda: npy_header(
         "{'descr':'<f8','fortran_order':False,'shape':(True,10)}"
     ),
-    "the array is 70000 x 1, read as 70000 channels.*--transpose": lambda: npy(
+    "the array is 70000 x 1, read as 70000 channels.*transpose=True": lambda: npy(
         np.zeros((70_000, 1))
     ),
     "the array is a single number": lambda: npy(np.zeros(())),
@@ -328,7 +328,9 @@ BAD_NPZ: dict[str, Callable[[], bytes]] = {
     r"key 'x' has the shape \(True, 10\)": lambda: npz(
         x=npy_header("{'descr':'<f8','fortran_order':False,'shape':(True,10)}")
     ),
-    "key 'x' is 1000 x 3, read as 1000 channels.*--transpose": lambda: npz(x=np.zeros((1000, 3))),
+    "key 'x' is 1000 x 3, read as 1000 channels.*transpose=True": lambda: npz(
+        x=np.zeros((1000, 3))
+    ),
     r"there are: 'k0' .*'k7' \(2 x 3\) and 2 more$": lambda: npz(**{f"k{i}": X for i in range(10)}),
     "keys x and x__0 together": lambda: npz(x=X, x__0=X),
     "key 'x' is compressed by a method": lambda: npz(zipfile.ZIP_BZIP2, x=X),

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from commands import run
+from commands import run, run_in_terminal
 
 import hapfmt
 from hapfmt import Channel, ParameterError, Recording
@@ -264,3 +266,122 @@ class TestReading:
         path.write_bytes(b"\x00\x01" * 300)
         with pytest.raises(ParameterError, match=f"{way}.*then call hapfmt.write"):
             hapfmt.read(path)
+
+
+class TestWords:
+    """Errors name keywords in Python, and options on the command line."""
+
+    def test_python(self, tmp_path: Path) -> None:
+        path = tmp_path / "x.hapf"
+        hapfmt.write(SINE, path, rate=1000)
+        for words, call in {
+            "; use force=True to overwrite": lambda: hapfmt.write(SINE, path, rate=1000),
+            "^max_error requires preset": lambda: hapfmt.Settings.of(max_error="1%"),
+            "^texture=False requires": lambda: hapfmt.Settings.of("paper", texture=False),
+            r"^rate is above 0 samples per second, not 0$": lambda: Channel(SINE, 0),
+        }.items():
+            with pytest.raises(ParameterError, match=words) as caught:
+                call()
+            assert "--" not in str(caught.value)
+
+    def test_command_line(self, tmp_path: Path) -> None:
+        np.save(tmp_path / "x.npy", np.zeros((50, 3)))
+        np.save(tmp_path / "y.npy", SINE)
+        (tmp_path / "z.hapf").touch()
+        for words, arguments in {
+            b"use --force to overwrite": ["y.npy", "z.hapf", "--rate", 1000],
+            b"hapfmt: --max-error requires preset": ["y.npy", "o.hapf", "--max-error", "1%"],
+            b"give one (--rate)": ["y.npy", "o.hapf"],
+            b"use --transpose; if not, --no-transpose": ["x.npy", "o.hapf", "--rate", 1000],
+        }.items():
+            done = run("encode", *arguments, cwd=tmp_path)
+            assert done.returncode == 1 and words in done.stderr, done.stderr
+
+    def test_no_option_in_a_message_for_python(self) -> None:
+        package = Path(hapfmt.__file__).parent
+        found = [
+            f"{path.name}: {text}"
+            for part in ("convert", "encoder", "reading", "edit", "format", "codecs")
+            for path in (package / part).glob("*.py")
+            for text in re.findall(r"""(?:Error|refuse)\([^()]*--[a-z][^()]*""", path.read_text())
+        ]
+        assert found == []
+
+
+class TestGuesses:
+    def test_seconds_of_a_channel(self) -> None:
+        rec = Recording.from_array({"fx": SINE, "fy": SINE}, 1000)
+        part = rec["fx"].sel(start=1, stop=1.5)
+        assert np.array_equal(part.to_numpy(), SINE[1000:1500]) and part.times()[0] == 1
+        with pytest.raises(ParameterError, match="5 to 2 s; start is after stop"):
+            rec["fx"].sel(5, 2)
+        with pytest.raises(ParameterError, match=r"sel\(start=1, stop=2\).*to_numpy\(1, 2\)"):
+            rec["fx"][1.0:2.0]
+        with pytest.raises(ParameterError, match=r"rec\.sel\(start=1, stop=2\)"):
+            rec[1.0:2.0]  # type: ignore[index]
+        with pytest.raises(hapfmt.UnknownChannelError, match=r"rec\.sel\('f\*'\) selects them"):
+            rec["f*"]
+
+    def test_rate_and_array(self) -> None:
+        rec = Recording.from_array({"fx": SINE, "fy": SINE}, 1000)
+        assert rec.rate == 1000 and np.asarray(rec).shape == (2, 2000)
+        two = Recording.from_array({"fx": SINE, "x": SINE[:500]}, {"fx": 1000, "x": 250})
+        with pytest.raises(ParameterError, match=r"2 rates \(250 Hz, 1000 Hz\); rec\['label'\]"):
+            two.rate  # noqa: B018
+        for call in (np.asarray, Recording.to_pandas):
+            pytest.importorskip("pandas")
+            with pytest.raises(ParameterError, match=r"sel\(\['fx'\]\), or use rec\.to_xarray"):
+                call(two)
+
+    def test_plot(self) -> None:
+        pytest.importorskip("matplotlib")
+        rec = Recording.from_array({"fx": SINE, "fy": SINE}, 1000)
+        assert len(hapfmt.plot(rec).axes) >= 2
+        assert hapfmt.plot(rec.sel("fx"), start=1).axes
+
+    def test_xarray_there_and_back(self, tmp_path: Path) -> None:
+        pytest.importorskip("xarray")
+        two = Recording.from_array(
+            {"x": SINE[:500], "fx": SINE, "y": SINE[:500]}, {"fx": 1000, "x": 250, "y": 250}
+        )
+        two = replace(two, metadata={"subject": "S7"}, epoch_ns=1_700_000_000 * 10**9)
+        dataset = two.to_xarray()
+        assert set(dataset.dims) == {"time_250Hz", "time_1000Hz"}
+        assert dataset.attrs["source"].startswith("hapfmt ")
+        hapfmt.write(dataset, tmp_path / "x.hapf")
+        back = hapfmt.read(tmp_path / "x.hapf")
+        assert back.labels == two.labels and back.epoch_ns == two.epoch_ns
+        assert [c.rate for c in back] == [c.rate for c in two]
+        assert all(map(np.array_equal, map(np.asarray, back), map(np.asarray, two)))
+        assert back.metadata["subject"] == "S7"
+
+
+class TestRecorder:
+    @pytest.mark.parametrize("arguments", [([1, 2, 3],), ({"a": [1.0]},), ([1, 2], [3, 4])])
+    def test_write_without_a_label(self, arguments: Any, tmp_path: Path) -> None:
+        with hapfmt.Recorder(tmp_path / "x.hapf", [hapfmt.Input("a", 1000)]) as recorder:
+            with pytest.raises(ParameterError, match=r"write_all takes .*, write_rows an array"):
+                recorder.write(*arguments)
+            recorder.write("a", [1.0])
+            assert not {"put", "drop"} & set(dir(recorder))
+        assert hapfmt.read(tmp_path / "x.hapf").sample_count == 1
+
+    def test_a_file_that_was_not_closed(self, tmp_path: Path) -> None:
+        with hapfmt.Recorder(tmp_path / "x.hapf", [hapfmt.Input("a", 1000)]) as recorder:
+            recorder.write("a", SINE)
+            recorder.flush()
+            data = (tmp_path / "x.hapf").read_bytes()
+        report = hapfmt.verify(data)
+        assert report.verdict == "damaged" and report.exit_code == 3
+        assert report.headline().startswith("damaged, not closed; ")
+        assert hapfmt.verify(tmp_path / "x.hapf").headline().startswith("intact; ")
+
+
+class TestNarrowTerminal:
+    def test_not_closed_stays_together(self, tmp_path: Path) -> None:
+        with hapfmt.Recorder(tmp_path / "x.hapf", [hapfmt.Input("a", 1000)]) as recorder:
+            recorder.write("a", SINE)
+            recorder.flush()
+            for columns in range(50, 100, 3):
+                done = run_in_terminal("info", "x.hapf", cwd=tmp_path, columns=columns)
+                assert b"NOT CLOSED" in done.stdout

@@ -54,7 +54,7 @@ def test_what_to_raise_is_said():
     data = f.minimal()
     with pytest.raises(LimitError, match=r"raise Limits\(samples=...\)"):
         Reader(data, limits=Limits(samples=3)).read()
-    with pytest.raises(LimitError, match=r"more than 100 bytes of memory \(--max-memory\)"):
+    with pytest.raises(LimitError, match=r"more than 100 bytes of memory \(max_memory=\)"):
         Reader(data, limits=Limits.of_memory(100)).read()
 
 

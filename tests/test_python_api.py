@@ -416,8 +416,8 @@ class TestTables:
     def test_xarray(self):
         pytest.importorskip("xarray")
         data = example().to_xarray()
-        assert set(data.dims) == {"time_0", "time_1"} and data["fx"].attrs["units"] == "N"
-        assert data["fy"].shape == (3005,) and float(data["time_1"][7]) == 0.07
+        assert set(data.dims) == {"time_1000Hz", "time_100Hz"} and data["fx"].attrs["units"] == "N"
+        assert data["fy"].shape == (3005,) and float(data["time_100Hz"][7]) == 0.07
         assert example().sel("fx").to_xarray()["fx"].dims == ("time",)
         twice = Recording((example()[0], example()[0])).to_xarray()
         assert list(twice) == ["fx", "fx (2)"]

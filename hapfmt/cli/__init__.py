@@ -222,6 +222,7 @@ def usage(error: click.ClickException) -> int:
 
 def report(message: str, code: int, more: Sequence[str] = ()) -> int:
     """An error for a person, and for a program where --json was given."""
+    message = screen.in_options(message)
     with suppress(OSError):
         screen.complain(message, more)
     if "--json" in sys.argv:

@@ -167,10 +167,10 @@ class PresetType(click.Choice[str]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         from ..encoder.settings import alias_note
 
-        note = alias_note(str(value))
-        if not note:
+        text = alias_note(str(value))
+        if not text:
             return super().convert(value, param, ctx)
-        say(f"note: {note}", err=True)
+        note(text)
         return str(value)
 
 

@@ -27,7 +27,7 @@ from ..reading.follow import Follower
 from ..reading.opening import open_catalogue
 from .common import echo_json, input_of, json_option, memory_option, tell_some
 from .encode import bound_text, unit_text
-from .screen import Column, Verb, clipped, complain, raw, say, table, width_of
+from .screen import JOINED, Column, Verb, clipped, complain, raw, say, table, width_of
 
 
 def follow_file(file: str, interval: float, as_json: bool) -> int:
@@ -278,7 +278,7 @@ def unsupported_of(ref: ChannelRef) -> str | None:
 
 
 def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
-    closed = "closed" if found["closed"] else "NOT CLOSED"
+    closed = "closed" if found["closed"] else f"NOT{JOINED}CLOSED"
     say(
         f"{file}: hapf {found['version']} level {found['level']}, "
         f"{found['file_size']} bytes, {span_text(catalogue)}, "

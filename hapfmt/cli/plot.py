@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from ..lab.views import ChannelView
     from ..limits import Limits
 
-ZOOM_TICKS = 400
-"""Length of the stretch that is drawn sample by sample."""
 LINES = 3
 """Largest number of lines about losses below the picture."""
 
@@ -145,7 +143,7 @@ def draw(
     details: bool,
 ) -> list[Any]:
     """The drawn pages."""
-    from ..lab.plotting.pages import ROWS, Words, pages
+    from ..lab.plotting.pages import ROWS, ZOOM_TICKS, Words, pages
     from ..lab.views import liveliest, survey, within
 
     first, last = within(parts, start, stop)

@@ -45,6 +45,45 @@ def printable(text: str) -> str:
     )
 
 
+IN_OPTIONS = {
+    **{
+        f"{name} requires ": f"{option} requires "
+        for name, option in {
+            "max_error": "--max-error", "k": "--k", "floor": "--floor", "felt": "--felt",
+            "texture=False": "--no-texture", "snr": "--snr", "bits": "--bits", "step": "--step",
+            "cutoff_hz": "--cutoff", "interpolation": "--interpolation",
+            "tolerance": "--tolerance", "vectors": "--vector",
+            "references=False": "--no-references", "fast=True": "--fast",
+        }.items()
+    },
+    "; use force=True to ": "; use --force to ",
+    "requires texture=False": "requires --no-texture",
+    "with texture=False and felt='all'": "--no-texture --felt all",
+    "with texture=False": "with --no-texture",
+    "with references=False": "with --no-references",
+    "(max_memory=)": "(--max-memory)",
+    "(rate=)": "(--rate)",
+    "(file_id=)": "(--file-id)",
+    "such as rate=1000": "such as --rate 1000",
+    "use transpose=True": "use --transpose",
+    "if not, transpose=False": "if not, --no-transpose",
+    'give offsets=, times="epoch" or times="same",': "give --offset, --by-epoch or --same-times,",
+    'give times="epoch", times="same" (tick 0 is the same moment in all), or offsets=': (
+        "give --by-epoch, --same-times (tick 0 is the same moment in all), or --offset FILE=SECONDS"
+    ),
+}  # fmt: skip
+"""Words of errors for Python -> for the command line."""
+
+
+def in_options(text: str) -> str:
+    """A message of the package with options in place of keywords."""
+    for keyword, option in IN_OPTIONS.items():
+        at = text.find(keyword)
+        if at == 0 or (at > 0 and not (keyword[0].isalnum() and text[at - 1].isalnum())):
+            text = text.replace(keyword, option)
+    return text
+
+
 def say(text: str = "", *, err: bool = False, whole: bool = False) -> None:
     """One line on standard output (``err``: error), in several where a terminal is narrower.
     ``whole``: never broken, for a command that a person may copy."""
@@ -56,12 +95,12 @@ def say(text: str = "", *, err: bool = False, whole: bool = False) -> None:
 
 def note(text: str) -> None:
     """Prints a note on standard error."""
-    say(f"note: {text}", err=True)
+    say(f"note: {in_options(text)}", err=True)
 
 
 def complain(text: str, more: Sequence[str] = ()) -> None:
     """Prints an error on standard error; ``more``: its further lines."""
-    say(f"hapfmt: {text}", err=True)
+    say(f"hapfmt: {in_options(text)}", err=True)
     for line in more:
         say(line, err=True, whole=line.startswith("  hapfmt "))
 

@@ -203,7 +203,7 @@ def _format_of(
         if len(data) > room:
             raise LimitError(
                 f"the stream is longer than the {room} bytes allowed; give its format, or more "
-                "memory (--max-memory, max_memory=)"
+                "memory (max_memory=)"
             )
         stream = BytesIO(data)
     begun = stream.tell()

@@ -49,7 +49,7 @@ def choose_rate(given: Fraction | None, found: Fraction | None, notes: list[str]
             notes.append(f"the rate of the file, {found} Hz, was overridden by {given} Hz")
         return given
     if found is None:
-        raise ParameterError("the file holds no rate; give one (--rate)")
+        raise ParameterError("the file holds no rate; give one (rate=)")
     return found
 
 
@@ -85,8 +85,7 @@ def seekable(stream: BinaryIO, max_memory: int) -> BinaryIO:
     data = read_bytes(stream, max_memory + 1)
     if len(data) > max_memory:
         raise LimitError(
-            f"the stream is longer than the {max_memory} bytes allowed; allow more (--max-memory, "
-            "max_memory=)"
+            f"the stream is longer than the {max_memory} bytes allowed; allow more (max_memory=)"
         )
     return BytesIO(data)
 
@@ -134,7 +133,7 @@ class Dense:
         if self.gap_size > max_memory:
             raise LimitError(
                 f"the gaps take {self.gap_size} bytes as NaN in {suffix}, more than the "
-                f"{max_memory} allowed; allow more (--max-memory, max_memory=) or write a part"
+                f"{max_memory} allowed; allow more (max_memory=) or write a part"
             )
         self._starts = [[span.start for span in channel.coverage] for channel in channels]
         self._places = [

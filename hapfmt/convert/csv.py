@@ -194,7 +194,7 @@ class _Table:
                 )
             return self._stamps.grid(rate)
         if rate is None:
-            raise ParameterError("no first column 't [s]' and no rate; give one (--rate)")
+            raise ParameterError("no first column 't [s]' and no rate; give one (rate=)")
         return TickGrid(rate, np.arange(rows), ())
 
     def _reader(self, lines: Iterable[str]) -> Iterator[list[str]]:
@@ -261,7 +261,7 @@ class _Table:
             if 8 * len(self._values) > self._max_memory:
                 raise LimitError(
                     f"line {self._lines.number}: the values so far take more than "
-                    f"{self._max_memory} bytes; allow more (--max-memory, max_memory=)"
+                    f"{self._max_memory} bytes; allow more (max_memory=)"
                 )
 
     def _refuse_units(self, row: list[str]) -> None:
@@ -413,7 +413,7 @@ def _parts(
     if 8 * cells > max_memory:
         raise LimitError(
             f"the gaps take {cells} empty cells in .csv, more than the {max_memory // 8} allowed; "
-            "allow more (--max-memory, max_memory=) or write a part"
+            "allow more (max_memory=) or write a part"
         )
     dense = Dense(channels, ".csv", 1 << 62)
     at_once = max(SLICE // len(channels), 1)

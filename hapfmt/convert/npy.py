@@ -93,7 +93,7 @@ def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]
     if memory_of(shape, dtype) > max_memory:
         raise LimitError(
             f"{what} takes {memory_of(shape, dtype)} bytes, more than the {max_memory} allowed; "
-            "allow more (--max-memory, max_memory=)"
+            "allow more (max_memory=)"
         )
     data = read_bytes(stream, size)
     if len(data) < size:
@@ -148,7 +148,7 @@ def doubles_2d(
     if x.ndim == 1:
         x = x.reshape(1, -1)
     else:
-        x = upright(x, labelled, transpose, what, "use --transpose (transpose=True)")
+        x = upright(x, labelled, transpose, what, "use transpose=True")
     if len(x) > CHANNEL_LIMIT:
         raise ParameterError(
             f"{what} has {len(x)} channels, more than {CHANNEL_LIMIT}; it is [channels, samples]"

@@ -289,7 +289,7 @@ def _channels(
     labels = labels or [f"ch{i + 1}" for i in range(channels)]
     if len(labels) == ticks != channels:
         raise ParameterError(
-            f"x{ending} looks transposed; it is [channels, samples]: use --transpose"
+            f"x{ending} looks transposed; it is [channels, samples]: use transpose=True"
         )
     units = archive.texts(f"unit{ending}") or ["1"]
     units *= channels if len(units) == 1 else 1
@@ -343,13 +343,13 @@ def _channels(
 
 def _grid(times: NDArray[np.float64], rate: Fraction | None, ticks: int) -> TickGrid:
     if len(times) != ticks:
-        raise ParameterError(f"{len(times)} times for {ticks} samples; give the rate (--rate)")
+        raise ParameterError(f"{len(times)} times for {ticks} samples; give the rate (rate=)")
     stamps = TimeStamps()
     for time in times.tolist():
         try:
             stamps.add(repr(time))
         except ValueError as error:
-            raise ParameterError(f"the time {time!r} {error}; give the rate (--rate)") from None
+            raise ParameterError(f"the time {time!r} {error}; give the rate (rate=)") from None
     return stamps.grid(rate)
 
 

@@ -138,7 +138,7 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
     if target is not stream and size > max_memory:
         raise LimitError(
             f"the samples take {size} bytes, and a pipe takes them at once; allow more than "
-            f"{max_memory} (--max-memory, max_memory=) or write to a file"
+            f"{max_memory} (max_memory=) or write to a file"
         )
     with _opened(
         target, "w", samplerate=int(rate), channels=count, format="WAV", subtype=subtype
@@ -206,7 +206,7 @@ def _samples(file: Any, dtype: np.dtype[Any], max_memory: int) -> NDArray[Any]:
         if size > max_memory:
             raise LimitError(
                 f"the samples take more than the {max_memory} bytes allowed; allow more "
-                "(--max-memory, max_memory=)"
+                "(max_memory=)"
             )
         blocks.append(block)
     return np.concatenate(blocks)

@@ -207,7 +207,7 @@ class Joining:
 def apart(track: Track, original: Original) -> ParameterError:
     return ParameterError(
         f"channels {', '.join(map(str, track.channels))} are coded together with others than in "
-        "the files before; encode one of them anew with --no-references",
+        "the files before; encode one of them anew with references=False",
         path=original.name,
     )
 
@@ -305,7 +305,7 @@ def common_line(
     """Offsets of files recorded side by side; ``given``: by the place of the file."""
     if given:
         if times is not None:
-            raise ParameterError("offsets, or --by-epoch, or the same times, not two of them")
+            raise ParameterError('give offsets=, times="epoch" or times="same", not two of them')
         offsets = [exact(given.get(i, 0)) for i in range(len(originals))]
         for original, offset in zip(originals, offsets, strict=True):
             check_offset(original, offset)
@@ -322,8 +322,8 @@ def common_line(
         )
     if times is None:
         raise ParameterError(
-            "the files do not say how their times belong together; give --by-epoch, --same-times "
-            "(tick 0 is the same moment in all), or --offset FILE=SECONDS"
+            'the files do not say how their times belong together; give times="epoch", '
+            'times="same" (tick 0 is the same moment in all), or offsets='
         )
     first = originals[min(range(len(epochs)), key=lambda i: epoch_of(originals[i]))]
     offsets, notes = by_epoch(first, originals, [period_of([original]) for original in originals])

@@ -103,7 +103,7 @@ class Input:
 
 NEEDS_WHOLE = (
     "{} needs the whole recording: its low-pass filter reaches into the future. Record with preset "
-    "lossless, near-lossless, or perceptual with --no-texture"
+    "lossless, near-lossless, or perceptual with texture=False"
 )
 
 ROUNDING = Fraction(1, 1 << 17)

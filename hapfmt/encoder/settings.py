@@ -299,7 +299,7 @@ class Settings:
             if getattr(self, name) != _DEFAULTS[name]:
                 refuse_unused(self.preset, name)
         if self.preset == "perceptual" and self.texture and self.vectors == "required":
-            raise ParameterError("--vector requires --no-texture: texture is coded axis by axis")
+            raise ParameterError("vectors requires texture=False: texture is coded axis by axis")
         if self.interpolation not in INTERPOLATIONS:
             raise ParameterError(f"knots are joined by one of {', '.join(INTERPOLATIONS)}")
         if not 0 <= self.k <= 1:
@@ -398,20 +398,20 @@ OPTIONS = {
 }
 
 USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
-    "max_error": ("--max-error", ("near-lossless", "perceptual")),
-    "k": ("--k", ("perceptual", "paper")),
-    "floor": ("--floor", ("perceptual", "paper")),
-    "felt": ("--felt", ("perceptual",)),
-    "texture": ("--no-texture", ("perceptual",)),
-    "snr": ("--snr", ("perceptual",)),
-    "bits": ("--bits", ("paper",)),
-    "step": ("--step", ("paper",)),
-    "cutoff_hz": ("--cutoff", ("perceptual", "paper")),
-    "interpolation": ("--interpolation", ("paper",)),
-    "tolerance": ("--tolerance", ("near-lossless", "perceptual", "paper")),
-    "vectors": ("--vector", ("perceptual", "paper")),
-    "references": ("--no-references", ("lossless", "near-lossless", "perceptual")),
-    "fast": ("--fast", ("lossless",)),
+    "max_error": ("max_error", ("near-lossless", "perceptual")),
+    "k": ("k", ("perceptual", "paper")),
+    "floor": ("floor", ("perceptual", "paper")),
+    "felt": ("felt", ("perceptual",)),
+    "texture": ("texture=False", ("perceptual",)),
+    "snr": ("snr", ("perceptual",)),
+    "bits": ("bits", ("paper",)),
+    "step": ("step", ("paper",)),
+    "cutoff_hz": ("cutoff_hz", ("perceptual", "paper")),
+    "interpolation": ("interpolation", ("paper",)),
+    "tolerance": ("tolerance", ("near-lossless", "perceptual", "paper")),
+    "vectors": ("vectors", ("perceptual", "paper")),
+    "references": ("references=False", ("lossless", "near-lossless", "perceptual")),
+    "fast": ("fast=True", ("lossless",)),
 }
 """Fields that not every preset uses: the option and those presets."""
 
@@ -439,7 +439,10 @@ def alias_note(preset: str) -> str:
         return ""
     name, implied = ALIASES[preset]
     options = "".join(
-        [" --no-texture" * (not implied.get("texture", True)), " --felt all" * ("felt" in implied)]
+        [
+            " with texture=False" * (not implied.get("texture", True)),
+            " and felt='all'" * ("felt" in implied),
+        ]
     )
     return f"preset {preset} is now called {name}{options}"
 

@@ -312,7 +312,7 @@ def told(catalogue: Catalogue, lost: Sequence[LostSpan]) -> list[str]:
         end = catalogue.source.size
         size = sum(min(stop, end) - min(start, end) for start, stop in areas)
         lines.append(f"damage in {places}, {size} bytes: {', '.join(kinds)}")
-    lines += [f"{each.message} (--file-id)" for each in found if each.code == "other-file"]
+    lines += [f"{each.message} (file_id=)" for each in found if each.code == "other-file"]
     losses = lost_lines(catalogue, lost)
     lines += losses
     if found and not losses:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..deadband import Deadband
 from ..errors import (
+    HARMLESS,
     INTACT,
     VERDICTS,
     FormatError,
@@ -330,6 +331,8 @@ class Report:
             verb = "is" if added == 1 else "are"
             differences.append(f"{counted(added, 'sample')} {verb} not in the original")
         word = VERDICTS[self.file_code]
+        if self.findings and all(each["code"] in HARMLESS for each in self.findings):
+            word += ", not closed"
         if not differences:
             return word
         link = "but" if self.file_code == INTACT else "and"

@@ -435,14 +435,21 @@ class Recorder:
             self.next_number += 1
             return self.lanes.enter(member, start_s)
 
-    def write(self, channel: str | int, values: ArrayLike, tick: int | None = None) -> None:
+    def write(
+        self, channel: str | int, values: ArrayLike | None = None, tick: int | None = None
+    ) -> None:
         """Record samples of one channel, [ticks]: counts with a calibration, else floats.
 
         NaN is a missing sample. The samples follow the previous ones, or begin at ``tick`` after
         a gap. Raises ParameterError, and LimitError with ``on_full="raise"``.
         """
+        if values is None or not isinstance(channel, (str, int, np.integer)):
+            raise ParameterError(
+                "write takes a label and its samples, write('force', values); write_all takes "
+                "{label: samples}, write_rows an array [ticks, channels]"
+            )
         with self.turn:
-            self.put(self.lanes.one(channel), values, tick)
+            self._put(self.lanes.one(channel), values, tick)
 
     def write_rows(
         self,
@@ -456,7 +463,7 @@ class Recorder:
         """
         with self.turn:
             chosen = range(len(self.lanes.members)) if channels is None else channels
-            self.put(self.lanes.of(tuple(chosen)), values, tick)
+            self._put(self.lanes.of(tuple(chosen)), values, tick)
 
     def write_all(self, values: Mapping[str | int, ArrayLike]) -> None:
         """Record samples of several channels, each after its previous ones.
@@ -472,7 +479,7 @@ class Recorder:
                 for number, (lane, array) in enumerate(arrays):
                     at, stop = places[number], ceil(until * lane.inputs[0].rate)
                     if at < len(array):
-                        self.put(lane, array[at:stop], None)
+                        self._put(lane, array[at:stop], None)
                     places[number] = max(stop, at)
 
     def skip(self, channel: str | int, ticks: int) -> None:
@@ -486,7 +493,7 @@ class Recorder:
             self.queue.put(SampleRows(lane.channels, start, nothing), wake=start >= lane.wake)
             self.lanes.move(lane, start)
 
-    def put(self, lane: InputGroup, values: ArrayLike, tick: int | None) -> None:
+    def _put(self, lane: InputGroup, values: ArrayLike, tick: int | None) -> None:
         rows = owned(values, lane.inputs)
         start = self.lanes.start_of(lane, tick)
         if start + len(rows) > TICK_LIMIT:
@@ -502,7 +509,7 @@ class Recorder:
             if self.queue.put(item, part.nbytes, wake=wake, wait=self.on_full == "block"):
                 self.taken += part.size
             elif self.on_full == "drop":
-                self.drop(lane, len(part))
+                self._drop(lane, len(part))
             else:
                 raise LimitError(
                     f"the encoder is {self.queue.size} bytes behind: {len(part)} samples of "
@@ -512,7 +519,7 @@ class Recorder:
             if wake:
                 lane.wake = lane.grid.start(lane.grid.number(stop) + 1)
 
-    def drop(self, lane: InputGroup, ticks: int) -> None:
+    def _drop(self, lane: InputGroup, ticks: int) -> None:
         dropped = self.worker.progress.dropped
         for place in lane.channels:
             dropped[place] = dropped.get(place, 0) + ticks

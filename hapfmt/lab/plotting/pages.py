@@ -13,7 +13,8 @@ from math import ceil, log2
 from typing import TYPE_CHECKING, Any
 
 from ...errors import ParameterError
-from ...recording import Event
+from ...numbers import exact
+from ...recording import Event, Recording, Seconds, check_seconds
 from ..views import ChannelView
 from . import panels
 from .panels import (
@@ -136,6 +137,34 @@ def plain_line(text: str, room: int) -> str:
     if len(shown) > room:
         shown = shown[: room - 1] + "\N{HORIZONTAL ELLIPSIS}"
     return unformatted(shown)
+
+
+ZOOM_TICKS = 400
+"""Samples of a stretch that is drawn one by one."""
+
+
+def plot(recording: Recording, start: Seconds | None = None, stop: Seconds | None = None) -> Figure:
+    """The matplotlib figure that ``hapfmt plot`` draws of a recording, or of some seconds of it.
+
+    ``figure.savefig`` writes it to a file. It shows the first page if many channels need several:
+    ``recording.sel(...)`` selects others. Needs the extra "plot".
+
+    Raises ParameterError, MissingExtraError.
+    """
+    from ..parts import RecordingParts
+    from ..views import facts, liveliest, survey, within
+
+    new_figure(1, 1)
+    check_seconds(start, stop)
+    parts = RecordingParts(recording)
+    first, last = within(
+        parts, None if start is None else exact(start), None if stop is None else exact(stop)
+    )
+    views = survey(parts, first, last, spectra=len(parts.channels) <= ROWS)
+    near = liveliest(views[0], ZOOM_TICKS) if len(views) == 1 else None
+    zoom = None if near is None else survey(parts, *near, spectra=False)[0]
+    words = Words(facts=facts(parts, views, whole=start is None and stop is None))
+    return pages(views, words, zoom=zoom, events=parts.events(first, last))[0]
 
 
 def pages(
