@@ -124,7 +124,7 @@ def test_jitter_within_half_a_tick_is_noted() -> None:
 
 
 def test_worse_jitter_is_refused_unless_a_rate_is_given() -> None:
-    with pytest.raises(ParameterError, match=r"deviate by up to 0\.008\d+ s .*--rate"):
+    with pytest.raises(ParameterError, match=r"deviate by up to 0\.008\d+ s .*rate="):
         table(jittered(0.8))
     recording = table(jittered(0.8), rate=100)
     assert recording.channels[0].coverage == (Span(0, 300),)
