@@ -1,0 +1,123 @@
+"""Times of messages: they jitter, drift, come in bursts, and some are lost. Their ticks are counted."""
+
+from __future__ import annotations
+
+import io
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapfmt.convert import read
+from hapfmt.errors import MovedTimesWarning, ParameterError
+from hapfmt.recording import Recording, Span
+from hapfmt.times import settle
+
+
+class Publisher(NamedTuple):
+    """A device of nominally ``rate`` Hz, and what happens to the times of its messages.
+
+    ``jitter``: standard deviation in periods; ``late``: messages come late only. ``lost``: ticks
+    from, to. ``bursts``: share of rows at which 12 rows begin that come together.
+    """
+
+    rows: int = 20_000
+    rate: float = 1000.0
+    drift_ppm: float = 40.0
+    jitter: float = 0.08
+    late: bool = True
+    lost: tuple[tuple[int, int], ...] = ((7000, 7030),)
+    bursts: float = 0.002
+    seed: int = 0
+
+    @property
+    def period(self) -> float:
+        return 1 / (self.rate * (1 - self.drift_ppm * 1e-6))
+
+    def messages(self) -> tuple[np.ndarray, np.ndarray]:
+        """The true ticks, from 0, and the times in s."""
+        generator = np.random.default_rng(self.seed)
+        ticks = np.arange(self.rows)
+        for start, stop in self.lost:
+            ticks = ticks[(ticks < start) | (ticks >= stop)]
+        delay = generator.normal(0, self.jitter, len(ticks))
+        times = (ticks + (np.abs(delay) if self.late else delay)) * self.period
+        for first in np.flatnonzero(generator.random(len(ticks)) < self.bursts):
+            last = min(first + 12, len(ticks)) - 1
+            times[first : last + 1] = np.maximum(times[first : last + 1], times[last])
+        times = np.maximum.accumulate(times) + 1e-12 * np.arange(len(ticks))
+        return ticks - ticks[0], times
+
+
+CASES = {
+    "as it comes": Publisher(),
+    "another run": Publisher(seed=1),
+    "jitter both ways": Publisher(jitter=0.15, late=False),
+    "much jitter": Publisher(jitter=0.3, late=False),
+    "many bursts": Publisher(bursts=0.01),
+    "a fast clock": Publisher(drift_ppm=-200),
+    "no loss": Publisher(lost=()),
+    "single losses": Publisher(lost=((50, 52), (3000, 3001), (15_000, 15_100))),
+    "slow": Publisher(rows=600, rate=30, lost=((300, 310),)),
+    "few rows": Publisher(rows=100, lost=((50, 53),), bursts=0),
+    "long": Publisher(rows=200_000),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_ticks_are_counted(case):
+    """At most 0.5 % of the rows are on a wrong tick. The rate of many rows is right within 1 ppm."""
+    publisher = CASES[case]
+    ticks, times = publisher.messages()
+    found = settle(times)
+    assert np.count_nonzero(found.ticks != ticks) <= 0.005 * len(ticks)
+    assert found.ticks[-1] == ticks[-1]
+    share = abs(found.period_s / publisher.period - 1)
+    assert share <= max(1e-6, publisher.jitter / len(ticks))
+    assert found.residual < 0.3
+
+
+def test_the_loss_is_where_it_was():
+    _, times = Publisher().messages()
+    found = settle(times).ticks
+    [gap] = np.flatnonzero(np.diff(found) > 1)
+    assert (found[gap], found[gap + 1]) == (6999, 7030)
+
+
+@given(st.integers(0, 2**32), st.floats(-200, 200), st.floats(0.1, 10_000))
+def test_without_jitter_nearly_every_tick_is_exact(seed, drift, rate):
+    """One row in twenty is lost."""
+    generator = np.random.default_rng(seed)
+    ticks = np.delete(np.arange(400), generator.integers(30, 370, 20))
+    times = 50 + ticks / (rate * (1 + drift * 1e-6))
+    found = settle(times)
+    assert np.abs(found.ticks - ticks).max() <= 3 and found.residual < 1e-6
+
+
+def table(times: np.ndarray, rate: float | None = None) -> Recording:
+    rows = "".join(f"{time:.12f},{row}\n" for row, time in enumerate(times))
+    return read(io.BytesIO(f"t [s],x [N]\n{rows}".encode()), format="csv", rate=rate)
+
+
+@pytest.mark.parametrize("rate", [None, 1000])
+def test_a_table_of_such_times(rate):
+    _, times = Publisher().messages()
+    with pytest.warns(MovedTimesWarning, match="only the regular times are stored"):
+        [channel] = table(times, rate).channels
+    assert channel.rate == 1000
+    assert channel.gaps == (Span(7000, 7030),)
+
+
+@pytest.mark.parametrize("rates", [(1000, 1000.05), (1000, 999), (1000, 1000, 1000.02)])
+def test_publishers_in_turn_are_refused(rates):
+    """Each has a clock of its own, and all come in one column."""
+    times = [
+        Publisher(rate=rate, jitter=0.02, bursts=0, lost=(), seed=n).messages()[1] + n * 0.0003
+        for n, rate in enumerate(rates)
+    ]
+    together = np.unique(np.round(np.concatenate(times), 9))
+    assert settle(together).sources == len(rates)
+    with pytest.raises(ParameterError, match=f"from {len(rates)} sources in turn"):
+        table(together)
