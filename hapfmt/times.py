@@ -54,10 +54,13 @@ _NOMINAL = Fraction(200, 1_000_000)
 """Share by which a device's clock may differ from its nominal rate."""
 _UNSETTLED = 0.3
 """Ticks: where the median row lies further from its tick, the rows have no common rate."""
-_DOUBTFUL = 0.1
-"""Ticks: where the median row lies further from its tick, another first period is tried."""
+_DISAGREEING = 1e-3
+"""Share by which the period of all rows may differ from that of short pieces. More shows that rows
+were lost in such numbers that their ticks were not counted rightly."""
+_FIRST_ROWS, _PIECES = 256, 9
+"""Rows of a short piece, and as many pieces from which the first period is taken."""
 _SOURCES = 4
-"""As many sources of rows are told apart."""
+"""More sources of rows are not recognised."""
 _SETTLED_ROWS = 64
 """Fewer rows are not enough to count ticks by :func:`settle`."""
 _PIECE = 1 << 16
@@ -421,21 +424,28 @@ def _hypotheses(times: NDArray[np.float64], steps: NDArray[np.float64]) -> Itera
 
 class Settled(NamedTuple):
     """Rows whose times jitter: row i is at ``ticks[i]`` (whole float64), at about ``offset_s +
-    ticks[i] * period_s`` seconds. ``residual``: ticks from there to the median row. ``sources``:
-    how many devices sent the rows in turn, each with a clock of its own."""
+    ticks[i] * period_s`` seconds.
+
+    ``residual``: ticks from there to the median row. ``disagreement``: share by which the period
+    differs from that of short pieces. ``sources``: how many devices sent the rows in turn, each
+    with a clock of its own.
+    """
 
     ticks: NDArray[np.float64]
     period_s: float
     offset_s: float
     residual: float
+    disagreement: float
     sources: int
 
     @property
     def is_regular(self) -> bool:
-        return self.residual <= _UNSETTLED and self.sources == 1
+        return (
+            self.residual <= _UNSETTLED and self.disagreement <= _DISAGREEING and self.sources == 1
+        )
 
 
-def settle(times: NDArray[np.float64], period_s: float | None = None) -> Settled | None:
+def settle(times: NDArray[np.float64]) -> Settled | None:
     """Counts the ticks of rows whose times, in s, jitter; None for fewer than 64 rows.
 
     The phase of a row is its time in periods, less its number. It rises for good where rows are
@@ -443,41 +453,38 @@ def settle(times: NDArray[np.float64], period_s: float | None = None) -> Settled
     least phase of the next 24 rows removes bursts: a row may come late, never early. A median of
     15 removes what is left. The phase is then rounded, and never falls.
 
-    The period is the median slope, over 2000 rows first, then over twice as many until all rows are
-    in. In simulations, jitter up to 0.4 periods (0.6 if rows only come late), with 0.1 % of the
-    rows lost, put at most 0.2 % of the rows on a wrong tick, by one tick. Rows that are all more
-    than a period late cannot be told from lost ones.
+    The period is the median slope, over 256 rows first, then over twice as many until all rows are
+    in. tests/test_timestamps.py has the limits.
     """
-    if len(times) < _SETTLED_ROWS:
-        return None
-    lag = min(_SETTLED_ROWS, len(times) // 4)
-    many = float(np.median((times[lag:] - times[:-lag]) / lag))
-    found = _settled_from(times, period_s or many)
-    if period_s is None and (found is None or found.residual > _DOUBTFUL):
-        # Where many rows are lost, the median of single steps is nearer to the period.
-        other = _settled_from(times, float(np.median(np.diff(times))))
-        found = min(filter(None, (found, other)), key=lambda one: one.residual, default=None)
-    return found
-
-
-def _settled_from(times: NDArray[np.float64], period: float) -> Settled | None:
     count = len(times)
-    rows = np.arange(count, dtype=np.float64)
-    stop = min(2000, count)
-    while True:
-        for _ in range(2):
-            if period <= 0:
-                return None
-            ticks, offset = _counted(times[:stop], rows[:stop], period)
-            period = _median_slope(ticks, times[:stop])
-        if stop == count:
-            break
+    if count < _SETTLED_ROWS:
+        return None
+    lag = min(_SETTLED_ROWS, count // 4)
+    guess = float(np.median((times[lag:] - times[:-lag]) / lag))
+    pieces = [
+        _refined(times[start : start + _FIRST_ROWS], guess)
+        for start in range(0, count, max(_FIRST_ROWS, -(-count // _PIECES)))
+        if start == 0 or start + _FIRST_ROWS <= count
+    ]
+    period = nearby = float(np.median(pieces))
+    stop = min(_FIRST_ROWS, count)
+    while stop < count:
+        period = _refined(times[:stop], period)
         stop = min(2 * stop, count)
-    ticks, offset = _counted(times, rows, period)
+    period = _refined(times, period)
+    ticks, offset = _counted(times, period)
     if ticks[-1] >= TICK_LIMIT:
         return None
     residual = float(np.median(np.abs((times - offset) / period - ticks)))
-    return Settled(ticks, period, offset, residual, _sources(times, period))
+    return Settled(
+        ticks, period, offset, residual, abs(period / nearby - 1), _sources(times, period)
+    )
+
+
+def _refined(times: NDArray[np.float64], period: float) -> float:
+    for _ in range(2):
+        period = _median_slope(_counted(times, period)[0], times)
+    return period
 
 
 def _sources(times: NDArray[np.float64], period: float) -> int:
@@ -498,10 +505,9 @@ def _variation(times: NDArray[np.float64], rows: int) -> float:
     return float(np.median(np.abs(steps - np.median(steps))))
 
 
-def _counted(
-    times: NDArray[np.float64], rows: NDArray[np.float64], period: float
-) -> tuple[NDArray[np.float64], float]:
+def _counted(times: NDArray[np.float64], period: float) -> tuple[NDArray[np.float64], float]:
     """The tick of each row, from 0, and the time of tick 0."""
+    rows = np.arange(len(times), dtype=np.float64)
     phase = _median_of(_least_of_next(_median_of(times / period - rows, 5), 24), 15)
     phase -= np.median(phase - np.rint(phase))
     late = np.maximum.accumulate(np.rint(phase))
@@ -528,7 +534,7 @@ def _least_of_next(x: NDArray[np.float64], width: int) -> NDArray[np.float64]:
 
 
 def _median_slope(ticks: NDArray[np.float64], times: NDArray[np.float64]) -> float:
-    """Of lines through rows half of all rows apart."""
+    """The median of the lines through rows that are half of all rows apart."""
     half = len(ticks) // 2
     return float(np.median((times[half:] - times[:-half]) / (ticks[half:] - ticks[:-half])))
 
