@@ -304,6 +304,7 @@ def run(name, lower, upper, ticks, values):
 @built
 @pytest.mark.parametrize("name", ["fewest_hold", "fewest_linear"])
 class TestArguments:
+    @pytest.mark.deep
     def test_the_longest_tube(self, name):
         """2**24 ticks between the extremes, where products are largest."""
         size = 1 << 24
