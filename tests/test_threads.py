@@ -196,8 +196,8 @@ def test_no_more_than_its_weight_is_ahead():
 
     list(in_order(work, range(20), 4, lambda _: 0.7))
     assert most == 1
-    pairs = threading.Barrier(2, timeout=60)
-    list(in_order(lambda _: pairs.wait(), range(20), 4, lambda _: 0.1))
+    both = threading.Barrier(2, timeout=60)
+    list(in_order(lambda item: item < 2 and both.wait(), range(20), 4, lambda _: 0.1))
 
 
 def test_what_nobody_waits_for_stops():
