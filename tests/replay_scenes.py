@@ -139,7 +139,7 @@ class FullDisk:
 
 
 class Pressed:
-    """Keys, each so many seconds after the first frame or the key before; 0 gives them together."""
+    """Keys, each with its delay in seconds after the first frame or the key before; 0 is no delay."""
 
     def __init__(self, script: list[tuple[float, Any]]) -> None:
         self.script, self.before_s = list(script), 0.0

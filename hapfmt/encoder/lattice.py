@@ -315,8 +315,8 @@ class LatticeSearch:
         step = float(found.calibration.step)
         enough = float(_ONE_DIGIT_UP.create_decimal(found.largest_deviation))
         return (
-            f"; the values miss steps of {step:.6g} by little: a tolerance of {enough:g} "
-            f"({enough / step:.1g} steps) would give counts of them"
+            f"; the values lie close to steps of {step:.6g}: a tolerance of {enough:g} "
+            f"({enough / step:.1g} steps) would store them as counts of that step"
         )
 
     def natural_lattices(self, exact: Lattice | None) -> Iterator[Near]:
