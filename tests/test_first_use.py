@@ -385,3 +385,12 @@ class TestNarrowTerminal:
             for columns in range(50, 100, 3):
                 done = run_in_terminal("info", "x.hapf", cwd=tmp_path, columns=columns)
                 assert b"NOT CLOSED" in done.stdout
+
+
+def test_options_stand_for_whole_words_alone():
+    from hapfmt.cli.screen import in_options
+
+    assert in_options("k requires preset 'paper'") == "--k requires preset 'paper'"
+    assert (
+        in_options("disk requires room; k requires more") == "disk requires room; --k requires more"
+    )

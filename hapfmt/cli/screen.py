@@ -78,9 +78,9 @@ IN_OPTIONS = {
 def in_options(text: str) -> str:
     """A message of the package with options in place of keywords."""
     for keyword, option in IN_OPTIONS.items():
-        at = text.find(keyword)
-        if at == 0 or (at > 0 and not (keyword[0].isalnum() and text[at - 1].isalnum())):
-            text = text.replace(keyword, option)
+        if keyword in text:
+            start = r"\b" if keyword[0].isalnum() else ""
+            text = re.sub(start + re.escape(keyword), option, text)
     return text
 
 
