@@ -9,9 +9,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from depth import deep
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from depth import deep
 from rendering import joined, profile_of
 
 import hapfmt

@@ -325,8 +325,8 @@ def bound_for(channel: Channel, promise: Promise, settings: Settings) -> Bound |
     return None if settings.preset == "near-lossless" and not bound.slack else bound
 
 
-COUNT_BITS = LEVELS[1].count_bits
-LOW, HIGH = -(1 << (COUNT_BITS - 1)), (1 << (COUNT_BITS - 1)) - 1
+LEVEL_1_BITS = LEVELS[1].count_bits
+LOW, HIGH = -(1 << (LEVEL_1_BITS - 1)), (1 << (LEVEL_1_BITS - 1)) - 1
 
 HEADROOM, AT_REST = 32, Fraction(2)
 """How many times the range of the first block the counts hold; and the range of a block of
@@ -373,7 +373,7 @@ class LiveLattice:
         affine = Affine(self.calibration.a, self.calibration.b, self.calibration.d)
         counts = nearest = np.clip(self.nearest(x), self.low, self.high)
         places = ordered(x)
-        for bit in range(COUNT_BITS):
+        for bit in range(LEVEL_1_BITS):
             doubles = self.parameters.values(counts, affine)
             with np.errstate(over="ignore"):
                 corrections = places - ordered(doubles)
