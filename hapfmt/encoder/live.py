@@ -438,7 +438,7 @@ class ExactEncoder:
 
     def __init__(self, plan: Plan, number: int, lattice: LiveLattice) -> None:
         self.named, self.lattice = f"channel {number} ({plan.input.label!r})", lattice
-        self.pack = encode_quick if plan.settings.fast else partial(encode_best, thorough=False)
+        self.pack = encode_quick if plan.settings.fast else partial(encode_best, live=True)
         channel = replace(plan.channel, calibration=lattice.calibration)
         self.track = replace(plan, channel=channel).track(
             number,
@@ -696,7 +696,7 @@ class GridEncoder:
         self.track = plan.track(
             number, codec="LPCR", parameters=plan.grid.build(), contract=plan.contract
         )
-        self.pack = encode_quick if plan.settings.fast else partial(encode_best, thorough=False)
+        self.pack = encode_quick if plan.settings.fast else partial(encode_best, live=True)
 
     def take(self, values: NDArray[Any], start: int) -> NDArray[np.int64]:
         return self.plan.counts(values, self.number, start)
