@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 from hypothesis import strategies as st
 
+from hapfmt.clocks import ClockMap, ClockObservation
 from hapfmt.codecs.events import CodedEvent
 from hapfmt.codecs.exact import ExactParameters, encode_exact
 from hapfmt.codecs.grids import LpcParameters
@@ -25,7 +26,6 @@ from hapfmt.codecs.quantised import Alphabet, QuanParameters, code_lengths, enco
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
 from hapfmt.encoder.settings import Settings, Tolerance
 from hapfmt.format.cluster import Packet
-from hapfmt.format.extras import ClockMap, ClockObservation
 from hapfmt.format.track import WORD_SIZES, Affine, Component, Contract, Track
 from hapfmt.format.wire import ChunkHeader, Head
 from hapfmt.limits import LEVELS
