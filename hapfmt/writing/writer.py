@@ -273,7 +273,7 @@ def layers_of(
 
 
 def clock_chunks(recording: Recording, tracks: Sequence[Track]) -> list[tuple[str, bytes, int]]:
-    """cLOk and cMAp chunks: type, payload and the first track of the channel."""
+    """cLOk and cMAp chunks: type, payload, and the first track of the channel."""
     first: dict[int | str | None, int] = {None: NO_TRACK}
     for track in tracks:
         for number in track.channels:
