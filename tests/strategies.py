@@ -584,6 +584,20 @@ def clock_maps(draw):
     return ClockMap(draw(clock_names), None, tuple(points))
 
 
+@st.composite
+def clocked(draw, recording):
+    """The recording with observations and maps of a few clocks."""
+    places = st.sampled_from([None, *range(len(recording))])
+    names = st.sampled_from(["pc", "\N{OHM SIGN}" * 85])
+    seen = st.builds(ClockObservation, names, places, ticks, i64s, st.integers(0, 2**53 - 1))
+    maps = st.builds(replace, clock_maps(), clock=names, channel=places)
+    return replace(
+        recording,
+        clocks=draw(st.lists(seen, max_size=8)),
+        clock_maps=draw(st.lists(maps, max_size=3, unique_by=lambda m: (m.clock, m.channel))),
+    )
+
+
 event_texts = texts | st.sampled_from(["x" * 65535, "\N{OHM SIGN}" * 20000])
 seconds = st.sampled_from(
     [Fraction(0), Fraction(1, 3), Fraction(17), Fraction(10**6), Fraction(1, 7919)]

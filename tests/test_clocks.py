@@ -225,13 +225,6 @@ class TestFile:
         assert len(reader.clocks) == 1
         assert ("bad-chunk", "CNV-002") in [(x.code, x.requirement) for x in reader.findings]
 
-    def test_other_files_do_not_hold_them(self, tmp_path):
-        path = tmp_path / "a.hapf"
-        path.write_bytes(FILE)
-        for verb in ("decode", "convert"):
-            done = CliRunner().invoke(cli, [verb, str(path), str(tmp_path / f"{verb}.npz")])
-            assert "clocks are not carried over" in done.stderr
-
     def test_a_lost_track(self):
         """Nobody knows what its ticks were."""
         data = bytearray(FILE)

@@ -163,7 +163,7 @@ def build_clocks(clock: str, rows: Iterable[ClockRow]) -> Iterator[bytes]:
     """cLOk payloads of the observations of a clock on one track: several where they are many, or
     where the clock leaps further than a difference can tell."""
     for part in parts_of(rows):
-        out = build_name(clock) + build_varint(len(part))
+        out = bytearray(build_name(clock) + build_varint(len(part)))
         before = None
         for tick, time_ns, uncertainty_ns in part:
             if before is None:
@@ -172,7 +172,7 @@ def build_clocks(clock: str, rows: Iterable[ClockRow]) -> Iterator[bytes]:
                 out += build_svarint(tick - before[0]) + build_svarint(time_ns - before[1])
             out += build_varint(uncertainty_ns)
             before = tick, time_ns
-        yield out
+        yield bytes(out)
 
 
 def parts_of(rows: Iterable[ClockRow]) -> Iterator[list[ClockRow]]:
@@ -194,12 +194,12 @@ def parts_of(rows: Iterable[ClockRow]) -> Iterator[list[ClockRow]]:
 def build_map(clock: str, points: Sequence[tuple[int, int]]) -> bytes:
     """The cMAp payload."""
     (tick, time_ns), *others = points
-    out = build_name(clock) + build_varint(len(points))
+    out = bytearray(build_name(clock) + build_varint(len(points)))
     out += build_svarint(tick) + time_ns.to_bytes(8, "little", signed=True)
     for later, then_ns in others:
         out += build_varint(later - tick) + build_varint(then_ns - time_ns)
         tick, time_ns = later, then_ns
-    return out
+    return bytes(out)
 
 
 def build_name(clock: str) -> bytes:
