@@ -10,6 +10,7 @@ import errno
 import importlib
 import os
 import secrets
+import shutil
 import stat
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -123,6 +124,37 @@ def atomic_write(path: str | os.PathLike[str], *, force: bool = False) -> Iterat
             stream.close()
         with suppress(FileNotFoundError):
             temporary.unlink()
+        raise
+    sync_directory(target.parent)
+
+
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
+    """A new folder that becomes ``path`` when the block ends well, as :func:`atomic_write` does.
+
+    With ``force`` it replaces a folder. Raises ParameterError where a file has the name.
+    """
+    target = Path(os.path.realpath(path))
+    name = os.fspath(path)
+    if target.exists() and not target.is_dir():
+        raise refusal(f"{name} is a file; this format is a folder")
+    if target.exists() and not force:
+        raise refusal(f"{name} already exists; use force=True to overwrite it")
+    if not target.parent.is_dir():
+        raise refusal(f"{name}: the directory {target.parent} does not exist")
+    temporary = target.with_name(f".{secrets.token_hex(8)}.tmp")
+    temporary.mkdir()
+    try:
+        yield temporary
+        if target.exists():
+            old = target.with_name(f".{secrets.token_hex(8)}.tmp")
+            target.replace(old)
+            temporary.replace(target)
+            shutil.rmtree(old)
+        else:
+            temporary.replace(target)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
         raise
     sync_directory(target.parent)
 

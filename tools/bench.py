@@ -33,7 +33,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 import hapfmt
-from hapfmt.convert import FORMATS
+from hapfmt.convert.formats import read_suffixes
 from hapfmt.encoder.lattice import find_lattice
 from hapfmt.encoder.settings import Tolerance
 
@@ -69,7 +69,7 @@ def load_all(data: Path, only: str, rate: str | None) -> Iterator[tuple[str, hap
     root = data.parent if data.is_file() else data
     for path in paths:
         name = str(path.relative_to(root).with_suffix(""))
-        if path.suffix.lower() not in (*FORMATS, ".hapf") or only not in name:
+        if path.suffix.lower() not in (*read_suffixes(), ".hapf") or only not in name:
             continue
         try:
             given = {} if path.suffix == ".hapf" else {"rate": rate}

@@ -24,7 +24,7 @@ import numpy as np
 from measured import DATA, files_in, origin
 
 import hapfmt
-from hapfmt.convert import FORMATS
+from hapfmt.convert.formats import read_suffixes
 from hapfmt.lab.metrics import snr_hf_db
 
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -59,7 +59,7 @@ class Result(NamedTuple):
 
 def load_all(data: Path) -> Iterator[tuple[str, hapfmt.Recording]]:
     for path in files_in(data):
-        if path.suffix.lower() in FORMATS:
+        if path.suffix.lower() in read_suffixes():
             yield str(path.relative_to(data).with_suffix("")), hapfmt.read(path)
 
 

@@ -23,6 +23,7 @@ SECTIONS = {
         "encode": "Encode a recording into a .hapf file",
         "decode": "Decode a .hapf file, or a part of it",
         "convert": "Convert between formats",
+        "inspect": "Show what another format holds",
     },
     "Inspect": {
         "info": "Show what a file contains",

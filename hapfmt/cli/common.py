@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from fractions import Fraction
@@ -83,14 +83,15 @@ memory_option = click.option(
 input_format_option = click.option(
     "--input-format",
     metavar="FORMAT",
-    help="Format of the input, if its name does not say: npz, npy, csv, wav, hapf.",
+    help="Format of the input, if its name does not say: npz, csv, mcap ... "
+    "('hapfmt inspect --formats' lists all).",
 )
 
 
 def output_format_option(*more: str) -> Callable[[Any], Any]:
     """Formats of other programs, and those of this verb."""
-    known = ", ".join(["npz", "npy", "csv", "wav", *more])
-    text = f"Format of the output, if its name does not say: {known}."
+    known = ", ".join(["npz", "csv", *more])
+    text = f"Format of the output, if its name does not say: {known} ..."
     return click.option("--output-format", metavar="FORMAT", help=text)
 
 
@@ -272,6 +273,44 @@ labels_option = click.option(
     metavar="A,B,...",
     help="Labels of the channels, in their order: fx,fy,fz. [as the input names them]",
 )
+
+
+def import_options(command: Any) -> Any:
+    """Options for what a file of another format leaves open."""
+    for option in reversed(_IMPORT_OPTIONS):
+        command = option(command)
+    return command
+
+
+_IMPORT_OPTIONS = (
+    click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7."),
+    transpose_option,
+    click.option(
+        "--select",
+        multiple=True,
+        metavar="NAME",
+        help="Read only this topic, data set, stream or column, or those that a pattern fits. May "
+        "be repeated.",
+    ),
+    click.option(
+        "--clock",
+        metavar="NAME",
+        help="The stamps that count: header or log for messages, or the name of a time array.",
+    ),
+    click.option("--episode", metavar="N", help="Number or name of one episode of several."),
+    click.option(
+        "--map",
+        "map",
+        metavar="MAP.TOML",
+        help="Says where channels, times and units are, for HDF5 and MAT.",
+    ),
+    click.option(
+        "--keep-stamps",
+        is_flag=True,
+        help="Keep the original time stamps, as one lossless channel for each topic or table.",
+    ),
+)
+IMPORT_NAMES = ("rate", "transpose", "select", "clock", "episode", "map", "keep_stamps")
 unit_option = click.option(
     "--unit",
     metavar="UNIT",
@@ -352,6 +391,15 @@ def suffix_of(name: str, format_: str | None, default: str | None = None) -> str
     return Path(name).suffix.lower()
 
 
+def refuse_output(name: str, format_: str | None, force: bool) -> None:
+    """Refuses a target of another format, before any work."""
+    from ..convert.formats import named, with_suffix
+
+    chosen = named(format_) if format_ else with_suffix(suffix_of(name, None, ""), written=True)
+    if name != "-" and not (chosen and chosen.folder):
+        refuse(name, force)
+
+
 def refuse_transpose(
     transpose: bool | None, inputs: Sequence[str | None], format_: str | None
 ) -> None:
@@ -364,25 +412,27 @@ def refuse_transpose(
 def load_recording(
     name: str,
     format_: str | None,
-    rate: str | None,
     limits: Limits | None = None,
     *,
-    transpose: bool | None = None,
     labels: str | None = None,
     unit: str | None = None,
+    **given: Any,
 ) -> tuple[Recording, int]:
-    """The recording in a file of any format, and the exit code that reading it deserves."""
+    """The recording in a file of any format, and the exit code that reading it deserves.
+
+    ``given`` are the values of ``import_options``."""
     from ..convert import read
 
     limits = limits or Limits()
-    suffix = suffix_of(name, format_)
-    if suffix != HAPF:
-        recording = read(
-            input_of(name), format=suffix, rate=rate, limits=limits, transpose=transpose
-        )
+    if suffix_of(name, format_) != HAPF:
+        with progress("reading") as advance:
+            recording = read(
+                input_of(name), format=format_, limits=limits, progress=advance, **asked_of(given)
+            )
         return described(recording, labels, unit), 0
-    if transpose is not None:
-        raise ParameterError("--transpose requires .npy or .npz input", path=name)
+    if asked := asked_of(given):
+        option = "--" + next(iter(asked)).replace("_", "-")
+        raise ParameterError(f"{option} is for inputs of other formats than .hapf", path=name)
     if labels is not None or unit is not None:
         raise ParameterError(
             "--labels and --unit require .npz, .npy, .csv or .wav input", path=name
@@ -393,6 +443,14 @@ def load_recording(
         recording = reader.read(progress=advance)
         tell_clocks(reader)
         return recording, tell_losses(reader)
+
+
+def asked_of(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that were given, as ``hapfmt.read`` takes them."""
+    found = {name: value for name, value in given.items() if value is not None and value != ()}
+    if not found.get("keep_stamps", True):
+        del found["keep_stamps"]
+    return found
 
 
 def described(recording: Recording, labels: str | None, unit: str | None) -> Recording:
@@ -604,7 +662,7 @@ def open_parts(
             reader.close()
             raise
     transpose = transpose if suffix in ARRAYS else None
-    recording, _ = load_recording(name, format_, rate, limits, transpose=transpose)
+    recording, _ = load_recording(name, format_, limits, rate=rate, transpose=transpose)
     labels = [channel.label for channel in recording.channels]
     names: Sequence[str | int] | None = numbers or parse_channels(channels, labels)
     places = None if names is None else channels_called(names, dict(enumerate(labels)))

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
 from ..errors import ParameterError
-from ..files import refuse
 from ..limits import Limits
 from .common import (
     HAPF,
     contents,
     echo_json,
     force_option,
+    import_options,
     input_format_option,
     json_option,
     labels_option,
@@ -21,12 +23,12 @@ from .common import (
     output_format_option,
     output_of,
     progress,
+    refuse_output,
     refuse_target,
     save_recording,
     suffix_of,
     tell_notes,
     tell_written,
-    transpose_option,
     unit_option,
 )
 from .screen import Verb
@@ -35,8 +37,7 @@ from .screen import Verb
 @click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
-@click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
-@transpose_option
+@import_options
 @labels_option
 @unit_option
 @input_format_option
@@ -47,8 +48,6 @@ from .screen import Verb
 def convert(
     source: str,
     target: str,
-    rate: str | None,
-    transpose: bool | None,
     labels: str | None,
     unit: str | None,
     input_format: str | None,
@@ -56,6 +55,7 @@ def convert(
     force: bool,
     as_json: bool,
     max_memory: Limits,
+    **given: Any,
 ) -> int:
     """Convert IN to OUT by their suffixes: .npz .npy .csv .wav .hapf.
 
@@ -70,10 +70,10 @@ def convert(
         raise ParameterError("both are .hapf: copy the file, or use hapfmt encode")
     if suffix_of(target, output_format) == HAPF:
         refuse_target(target, force)
-    elif target != "-":
-        refuse(target, force)
+    else:
+        refuse_output(target, output_format, force)
     recording, code = load_recording(
-        source, input_format, rate, max_memory, transpose=transpose, labels=labels, unit=unit
+        source, input_format, max_memory, labels=labels, unit=unit, **given
     )
     tell_notes(recording)
     if suffix_of(target, output_format) == HAPF:

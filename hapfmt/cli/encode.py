@@ -20,6 +20,7 @@ from ..format.track import Component, Contract
 from ..numbers import counted
 from .common import (
     HAPF,
+    IMPORT_NAMES,
     AmountType,
     BitsType,
     FileIdType,
@@ -28,6 +29,7 @@ from .common import (
     ShareType,
     echo_json,
     force_option,
+    import_options,
     input_format_option,
     json_option,
     labels_option,
@@ -39,7 +41,6 @@ from .common import (
     suffix_of,
     tell_notes,
     threads_option,
-    transpose_option,
     unit_option,
 )
 from .screen import JOINED, Column, Verb, note, say, table
@@ -310,8 +311,7 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
     "from each other; a lost packet then takes all of them along [on].",
 )
 @click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
-@click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7.")
-@transpose_option
+@import_options
 @labels_option
 @unit_option
 @input_format_option
@@ -331,8 +331,6 @@ def encode(
     source: str,
     target: str,
     preset: str,
-    rate: str | None,
-    transpose: bool | None,
     labels: str | None,
     unit: str | None,
     input_format: str | None,
@@ -361,10 +359,11 @@ def encode(
         note(f"{target} will be a hapf file; the usual suffix is {HAPF}")
     given["vectors"] = "required" if vectors else None
     given["felt"] = given["felt"] or None
+    importing = {name: given.pop(name) for name in IMPORT_NAMES}
     preset, given = renamed(preset, given)
     settings = Settings.of(preset, **given)
     recording, code = load_recording(
-        source, input_format, rate, max_memory, transpose=transpose, labels=labels, unit=unit
+        source, input_format, max_memory, labels=labels, unit=unit, **importing
     )
     tell_notes(recording)
     if earlier := lossy_preset(recording.metadata.get("encoder")):

@@ -109,12 +109,12 @@ def scene(
 
 def refuse_early(target: str, force: bool, preset: str | None) -> str:
     """The format of the target; refuses a wrong target before the simulation."""
-    from ..convert import FORMATS
+    from ..convert.formats import written_suffixes
     from ..files import refuse
 
     kind = suffix_of(target, None, HAPF)
-    if kind != HAPF and kind not in FORMATS:
-        known = " ".join((HAPF, *FORMATS))
+    if kind != HAPF and kind not in written_suffixes():
+        known = " ".join((HAPF, *written_suffixes()))
         raise ParameterError(f"the suffix {kind!r} is not one of: {known}", path=target)
     if preset and kind != HAPF:
         raise ParameterError(f"--preset requires a .hapf output, not {kind}")

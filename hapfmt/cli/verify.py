@@ -71,7 +71,9 @@ def verify(
     refuse_transpose(transpose, (against,), input_format)
     original = None
     if against:
-        original, _ = load_recording(against, input_format, rate, max_memory, transpose=transpose)
+        original, _ = load_recording(
+            against, input_format, max_memory, rate=rate, transpose=transpose
+        )
     with progress("verifying") as advance:
         report = verify_file(
             input_of(file),

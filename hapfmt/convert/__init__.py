@@ -1,4 +1,5 @@
-"""Other files <-> Recording, by suffix; a format's module is imported only when it is used.
+"""Other files <-> Recording, by content, suffix or name; a format's module is imported only when it
+is used (formats.py).
 
 Each direction reports its omissions in plain sentences: :func:`save` returns what a format cannot
 hold, and ``Recording.metadata["notes"]`` lists what :func:`read` left out.
@@ -10,26 +11,35 @@ import os
 import warnings
 from collections.abc import Sequence
 from contextlib import contextmanager
-from importlib import import_module
-from io import BytesIO
-from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, cast
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
-from ..errors import HapfmtError, LimitError, ParameterError
-from ..files import atomic_write
+from ..errors import HapfmtError, ParameterError
+from ..files import atomic_folder, atomic_write
+from .formats import (
+    HAPF,
+    Advance,
+    Destination,
+    Format,
+    ReadOptions,
+    Source,
+    WriteOptions,
+    formats,
+    named,
+    of_source,
+    read_suffixes,
+    with_suffix,
+    written_suffixes,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from fractions import Fraction
 
     from ..limits import Limits
     from ..reading.reader import Band
     from ..recording import Rate, Recording, Seconds, Units
+    from .tables import Import
 
-
-HAPF = ".hapf"
-FORMATS = {".npz": "npz", ".npy": "npy", ".csv": "csv", ".wav": "wav"}
-"""Suffixes, and the modules here that read and write such files."""
 
 MAX_MEMORY = 1 << 30
 """Bytes that the gaps of an output may take, and that a file that is read may take at least, unless
@@ -51,25 +61,13 @@ FOREIGN = frozenset(f".{suffix}" for suffix in _OTHERS.split())
 def refuse_foreign(path: str | os.PathLike[str]) -> None:
     """ParameterError where the suffix of a .hapf file to be written is that of another format."""
     suffix = Path(path).suffix.lower()
-    if suffix in FORMATS:
+    if suffix in written_suffixes():
         way = f"hapfmt convert and hapfmt.save write {suffix}"
         raise ParameterError(f"hapf files end in .hapf; {way}", path=os.fspath(path))
     if suffix in FOREIGN:
         raise ParameterError(
             f"hapf files end in .hapf; {suffix} is another format's", path=os.fspath(path)
         )
-
-
-class _Converter(Protocol):
-    """What each format's module offers; ``write`` returns notes on what it left out."""
-
-    def read(
-        self, stream: BinaryIO, *, rate: Fraction | None, max_memory: int, transpose: bool | None
-    ) -> Recording: ...
-
-    def write(
-        self, recording: Recording, stream: BinaryIO, *, max_memory: int
-    ) -> Sequence[str]: ...
 
 
 def read(
@@ -81,13 +79,20 @@ def read(
     format: str | None = None,
     rate: Rate | None = None,
     transpose: bool | None = None,
+    select: str | Sequence[str] | None = None,
+    clock: str | None = None,
+    episode: int | str | None = None,
+    map: str | os.PathLike[str] | None = None,
+    keep_stamps: bool = False,
     band: Band = "full",
     exact: bool = True,
     limits: Limits | None = None,
     threads: int | None = None,
     max_memory: int | None = None,
+    progress: Advance | None = None,
 ) -> Recording:
-    """The recording in a file of any format: .hapf .npz .npy .csv .wav.
+    """The recording in a file of any format: .hapf, and those that ``hapfmt inspect --formats``
+    lists.
 
     ``file`` is a path, a URL (extra "remote"), bytes, or a binary stream. ``format`` names its
     format. Without it the first bytes decide, and then the suffix. ``channels`` are labels or
@@ -95,7 +100,11 @@ def read(
 
     Other formats than .hapf: ``rate`` in Hz (1000, 35.618 or "44100/7") is for files that hold
     none, and overrides the one of a file that does. ``transpose`` is for arrays that are [samples,
-    channels]. ``metadata["notes"]`` lists everything that was not converted.
+    channels]. ``metadata["notes"]`` lists everything that was not converted. ``select`` names
+    topics, data sets, streams or columns, or patterns of them; only these are read. ``clock``
+    chooses among several times, such as "header" or "log" for messages. ``episode`` is the number
+    of one episode of several. ``map`` is a TOML file that says where channels and times are.
+    ``keep_stamps`` keeps the original time stamps as channels, in ns from their ticks.
 
     .hapf: ``band`` is "full", "lf" or "hf"; ``exact`` False leaves the float64 corrections out; any
     damage raises (:class:`hapfmt.Reader` goes on).
@@ -106,6 +115,82 @@ def read(
     """
     from ..limits import Limits
 
+    if start is not None or stop is not None:
+        from ..recording import check_seconds
+
+        check_seconds(start, stop)
+    if max_memory is not None and limits is None:
+        limits = Limits(memory=max_memory)
+    given = {
+        "rate": rate, "transpose": transpose, "select": select, "clock": clock,
+        "episode": episode, "map": map, "keep_stamps": keep_stamps or None,
+    }  # fmt: skip
+    with _named(file), _source(file, limits) as source:
+        chosen = _format_of(source, format)
+        if chosen is None:
+            from ..reading.reader import read as read_hapf
+
+            if named_options := [name for name, value in given.items() if value is not None]:
+                raise ParameterError(
+                    "a .hapf file holds its own rate; rate and transpose are for other formats"
+                    if named_options[0] in ("rate", "transpose")
+                    else f"{named_options[0]} is for other formats than .hapf"
+                )
+            opened = file if source.is_local or source.is_url else source.stream
+            return read_hapf(
+                opened, channels, start, stop, band=band, exact=exact, limits=limits,
+                threads=threads,
+            )  # fmt: skip
+        if band != "full":
+            raise ParameterError(f"a {chosen.title} file has no bands")
+        options = _options(chosen, given, limits, progress)
+        recording = _recording(chosen, source, options)
+        if channels is None and start is None and stop is None:
+            return recording
+        return recording.sel(channels, start, stop)
+
+
+@contextmanager
+def imported(
+    file: str | os.PathLike[str] | bytes | BinaryIO,
+    *,
+    format: str | None = None,
+    limits: Limits | None = None,
+    progress: Advance | None = None,
+    **given: Any,
+) -> Iterator[tuple[Format, Import]]:
+    """What :func:`read` would read of a file of another format, before its values are read: its
+    tables, and their values in blocks. ``given`` are the arguments of :func:`read`."""
+    from .tables import Import, import_of
+
+    with _named(file), _source(file, limits) as source:
+        chosen = _format_of(source, format)
+        if chosen is None:
+            raise ParameterError("this is a .hapf file: hapfmt info shows what it holds")
+        options = _options(chosen, given, limits, progress)
+        found = _code(chosen, "read").read(source, options)
+        if not isinstance(found, Import):
+            found = import_of(_selected(chosen, found, options))
+        yield chosen, found
+
+
+def _recording(chosen: Format, source: Source, options: ReadOptions) -> Recording:
+    from .tables import Import
+
+    found = _code(chosen, "read").read(source, options)
+    if isinstance(found, Import):
+        return found.recording(options.max_memory, options.progress)
+    return _selected(chosen, cast("Recording", found), options)
+
+
+def _selected(chosen: Format, recording: Recording, options: ReadOptions) -> Recording:
+    """``select`` chooses among the labels where the format has nothing else to choose from."""
+    if not options.select or "select" in chosen.options:
+        return recording
+    return recording.sel(list(options.select))
+
+
+def _source(file: Any, limits: Limits | None) -> Source:
     if not isinstance(file, (str, os.PathLike, bytes, bytearray, memoryview)) and not hasattr(
         file, "read"
     ):
@@ -114,39 +199,40 @@ def read(
             f"{type(file).__name__}; hapfmt.write writes an array or a table to a file, "
             "hapfmt.Recording.from_array makes a recording of it"
         )
-    if start is not None or stop is not None:
-        from ..recording import check_seconds
+    return Source(file, (limits.memory if limits else None) or READ_MEMORY)
 
-        check_seconds(start, stop)
-    if max_memory is not None and limits is None:
-        limits = Limits(memory=max_memory)
-    room = max_memory or (limits.memory if limits else None) or READ_MEMORY
-    with _named(file), _opened(file) as opened:
-        suffix, stream = _format_of(file, opened, format, room)
-        if suffix == HAPF:
-            from ..reading.reader import read as read_hapf
 
-            if rate is not None or transpose is not None:
-                raise ParameterError(
-                    "a .hapf file holds its own rate; rate and transpose are for other formats"
-                )
-            source = stream if stream is not None and stream is not opened else file
-            return read_hapf(
-                source, channels, start, stop, band=band, exact=exact, limits=limits,
-                threads=threads,
-            )  # fmt: skip
-        if band != "full":
-            raise ParameterError(f"a {suffix} file has no bands")
-        from .common import rate_from
+def _options(
+    chosen: Format, given: dict[str, Any], limits: Limits | None, progress: Advance | None
+) -> ReadOptions:
+    """The options of a reader; ParameterError for one that it does not use."""
+    from .common import rate_from
 
-        assert stream is not None
-        hertz = None if rate is None else rate_from(rate)
-        recording = _converter(suffix).read(
-            stream, rate=hertz, max_memory=room, transpose=transpose
-        )
-        if channels is None and start is None and stop is None:
-            return recording
-        return recording.sel(channels, start, stop)
+    known = {name: value for name, value in given.items() if value is not None}
+    for name in known:
+        if name not in ("rate", "select", *chosen.options):
+            users = ", ".join(one.title for one in formats().values() if name in one.options)
+            raise ParameterError(
+                f"{chosen.title} files do not use {name}; it is for: {users or 'no format'}"
+            )
+    if "rate" in known:
+        known["rate"] = rate_from(known["rate"])
+    if isinstance(known.get("select"), str):
+        known["select"] = [known["select"]]
+    if "select" in known:
+        known["select"] = tuple(known["select"])
+    for name in ("episode", "map"):
+        if name in known:
+            known[name] = str(known[name])
+    room = (limits.memory if limits else None) or READ_MEMORY
+    return ReadOptions(**known, max_memory=room, progress=progress)
+
+
+def _code(chosen: Format, way: str) -> Any:
+    """The module of a format that reads, or writes."""
+    if not (chosen.reads if way == "read" else chosen.writes):
+        raise ParameterError(f"hapfmt does not {way} {chosen.title} files")
+    return chosen.code
 
 
 def load(
@@ -161,77 +247,24 @@ def load(
     return read(source, format=format, rate=rate, max_memory=max_memory)
 
 
-@contextmanager
-def _opened(file: str | os.PathLike[str] | bytes | BinaryIO) -> Iterator[BinaryIO | None]:
-    """A binary stream, closed again where it is ours; None: a URL that the reader opens itself."""
-    if isinstance(file, (bytes, bytearray, memoryview)):
-        yield BytesIO(bytes(file))
-        return
-    if not isinstance(file, (str, os.PathLike)):
-        yield file
-        return
-    if isinstance(file, str) and ("://" in file or "::" in file):
-        from ..format.source import is_url, spooled_url
-
-        if is_url(file):
-            if PurePosixPath(file).suffix.lower() not in FORMATS:
-                yield None
-                return
-            with spooled_url(file) as stream:
-                stream.seek(0)
-                yield stream
-            return
-    with Path(file).open("rb") as stream:
-        yield stream
-
-
-def _format_of(
-    file: str | os.PathLike[str] | bytes | BinaryIO,
-    stream: BinaryIO | None,
-    format: str | None,
-    room: int,
-) -> tuple[str, BinaryIO | None]:
-    """The suffix of the format, and a stream of the same bytes."""
-    if stream is None:
-        return HAPF, None
+def _format_of(source: Source, format: str | None) -> Format | None:
+    """None: a .hapf file."""
     if format is not None:
-        return _suffix(None, format, HAPF), stream
-    if not stream.seekable():
-        from .common import read_bytes
-
-        data = read_bytes(stream, room + 1)
-        if len(data) > room:
-            raise LimitError(
-                f"the stream is longer than the {room} bytes allowed; give its format, or more "
-                "memory (max_memory=)"
-            )
-        stream = BytesIO(data)
-    begun = stream.tell()
-    head = stream.read(_SNIFFED)
-    stream.seek(begun)
-    for magic, suffix in _MAGIC.items():
-        if head.startswith(magic):
-            return suffix, stream
-    suffix = Path(file).suffix.lower() if isinstance(file, (str, os.PathLike)) else ""
-    if suffix in (*FORMATS, HAPF):
-        return suffix, stream
-    if suffix in _TEXT and head and _is_text(head):
-        return ".csv", stream
-    if suffix in FOREIGN:
-        known = " ".join([HAPF, *FORMATS])
-        way = _LOADERS.get(suffix)
+        return None if format.lower().removeprefix(".") == "hapf" else named(format)
+    if source.is_url and source.suffix not in read_suffixes():
+        return None  # it is read in parts, not fetched
+    if not source.is_folder and source.head.startswith(MAGIC):
+        return None
+    found = of_source(source)
+    if found is None and source.suffix in FOREIGN:
+        known = " ".join([HAPF, *read_suffixes()])
+        way = _LOADERS.get(source.suffix)
         hint = f"; load its arrays with {way}, then call hapfmt.write(array, ...)" if way else ""
-        raise ParameterError(f"the suffix {suffix!r} is not one of: {known}{hint}")
-    return HAPF, stream  # its reader says what is wrong
+        raise ParameterError(f"the suffix {source.suffix!r} is not one of: {known}{hint}")
+    return found  # where it is None, the reader of .hapf says what is wrong
 
 
-def _is_text(head: bytes) -> bool:
-    text = head.decode("utf-8-sig", errors="replace").rstrip("\N{REPLACEMENT CHARACTER}")
-    return "\N{REPLACEMENT CHARACTER}" not in text and all(
-        c.isprintable() or c in "\t\r\n" for c in text
-    )
-
-
+MAGIC = b"\x8fHAP"
 _LOADERS = {
     **dict.fromkeys((".h5", ".hdf", ".hdf5"), "h5py.File"),
     ".mat": "scipy.io.loadmat (h5py.File for version 7.3)",
@@ -240,16 +273,6 @@ _LOADERS = {
     ".xlsx": "pandas.read_excel",
 }
 """Suffixes of formats that hapfmt does not read, and what reads them."""
-_SNIFFED = 512
-_TEXT = ("", ".txt", ".tsv", ".dat", ".asc")
-_MAGIC = {
-    b"\x8fHAP": HAPF,
-    b"PK": ".npz",
-    b"\x93NUMPY": ".npy",
-    b"RIFF": ".wav",
-    b"RF64": ".wav",
-    b"RIFX": ".wav",
-}
 
 
 def save(
@@ -261,13 +284,19 @@ def save(
     units: Units | None = None,
     transpose: bool | None = None,
     format: str | None = None,
+    schema: str | None = None,
+    fps: Rate | None = None,
     force: bool = False,
     max_memory: int | None = None,
+    progress: Advance | None = None,
 ) -> tuple[str, ...]:
-    """Write a recording as .npz, .npy, .csv or .wav to a file (whole or not at all) or a stream.
+    """Write a recording in another format to a file (whole or not at all) or a stream.
 
     ``recording`` is a Recording, or an array or a table with ``rate``, ``labels``, ``units`` and
     ``transpose``, as for :func:`hapfmt.write`.
+
+    ``schema`` is "ros2" or "json", for MCAP. ``fps`` is for LeRobot: frames per second, each with a
+    window of the samples.
 
     These formats store gaps as NaN or empty cells, which may take ``max_memory`` bytes (1 GiB by
     default). Returns notes on everything that the format could not hold. Raises ParameterError if
@@ -279,14 +308,29 @@ def save(
     max_memory = MAX_MEMORY if max_memory is None else max_memory
     path = Path(target) if isinstance(target, str | os.PathLike) else None
     recording = recording_of(recording, rate, labels=labels, units=units, transpose=transpose)
+    given: dict[str, Any] = {"schema": schema, "fps": fps}
     with _named(target):
-        converter = _converter(_suffix(path, format))
-        if path is None:
-            stream = cast(BinaryIO, target)
-            notes = converter.write(recording, stream, max_memory=max_memory)
+        chosen = _written(path, format)
+        known = {name: value for name, value in given.items() if value is not None}
+        for name in known:
+            if name not in chosen.options:
+                raise ParameterError(f"{chosen.title} files do not use {name}")
+        if "fps" in known:
+            from .common import rate_from
+
+            known["fps"] = rate_from(known["fps"])
+        options = WriteOptions(**known, max_memory=max_memory, progress=progress)
+        write = _code(chosen, "write").write
+        if chosen.folder:
+            if path is None:
+                raise ParameterError(f"{chosen.title} is a folder, and needs a path")
+            with atomic_folder(path, force=force) as folder:
+                notes = write(recording, Destination(path=folder), options)
+        elif path is None:
+            notes = write(recording, Destination(cast(BinaryIO, target)), options)
         else:
             with atomic_write(path, force=force) as stream:
-                notes = converter.write(recording, stream, max_memory=max_memory)
+                notes = write(recording, Destination(stream), options)
     nans = [
         c.label or str(i)
         for i, c in enumerate(recording.channels)
@@ -296,26 +340,20 @@ def save(
     return (*notes, *more)
 
 
-def _suffix(path: Path | None, format: str | None, *more: str) -> str:
-    """The key in FORMATS, or one of ``more``."""
-    known = " ".join([*FORMATS, *more])
+def _written(path: Path | None, format: str | None) -> Format:
+    """The format of a file to be written."""
     if format is not None:
-        suffix = "." + format.lower().removeprefix(".")
-        if suffix not in (*FORMATS, *more):
-            raise ParameterError(f"no format is called {format!r}; there are: {known}")
-        return suffix
+        return named(format)
+    known = " ".join(written_suffixes())
     if path is None:
         raise ParameterError(f"a stream has no suffix; give its format: {known}")
-    if path.suffix.lower() == HAPF and not more:
+    if path.suffix.lower() == HAPF:
         call = f"hapfmt.write(recording, {str(path)!r})"
         raise ParameterError(f"hapfmt encode writes .hapf files; in Python, {call} does")
-    if path.suffix.lower() not in (*FORMATS, *more):
+    found = with_suffix(path.suffix.lower(), written=True)
+    if found is None:
         raise ParameterError(f"the suffix {path.suffix!r} is not one of: {known}")
-    return path.suffix.lower()
-
-
-def _converter(suffix: str) -> _Converter:
-    return cast(_Converter, import_module(f"{__name__}.{FORMATS[suffix]}"))
+    return found
 
 
 @contextmanager

@@ -9,10 +9,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from fractions import Fraction
-from io import BytesIO
 from itertools import accumulate
 from math import isfinite
-from typing import IO, Any, BinaryIO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,18 +75,6 @@ def read_bytes(stream: IO[bytes], size: int) -> bytearray:
             break
         data += block
     return data
-
-
-def seekable(stream: BinaryIO, max_memory: int) -> BinaryIO:
-    """The stream itself where it can seek and is at its beginning, otherwise a copy of it."""
-    if stream.seekable() and stream.tell() == 0:
-        return stream
-    data = read_bytes(stream, max_memory + 1)
-    if len(data) > max_memory:
-        raise LimitError(
-            f"the stream is longer than the {max_memory} bytes allowed; allow more (max_memory=)"
-        )
-    return BytesIO(data)
 
 
 def exact_doubles(x: NDArray[Any], what: str) -> NDArray[np.float64]:
@@ -246,7 +233,6 @@ __all__ = [
     "rate_from",
     "read_bytes",
     "refusing",
-    "seekable",
     "unit_of",
     "with_notes",
 ]

@@ -29,6 +29,7 @@ from .common import (
     unit_of,
     with_notes,
 )
+from .formats import Destination, ReadOptions, Source, WriteOptions
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.A | re.I)
 _COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.A | re.I)
@@ -97,13 +98,7 @@ class _Lines:
         self._text.detach()
 
 
-def read(
-    stream: BinaryIO,
-    *,
-    rate: Fraction | None,
-    max_memory: int,
-    transpose: bool | None = None,
-) -> Recording:
+def read(source: Source, options: ReadOptions) -> Recording:
     """Empty cells, "nan" and rows that a regular time column leaves out are gaps.
 
     The delimiter is the most frequent of tab, semicolon and comma in the header. Lines that begin
@@ -111,11 +106,9 @@ def read(
     unit, or ISO 8601 dates. Times that count from 1970 give the epoch. Decimal commas are read
     unless the delimiter is a comma.
     """
-    if transpose is not None:
-        raise ParameterError("transpose is for arrays in .npy and .npz; a table has a row per tick")
-    lines = _Lines(stream)
+    lines = _Lines(source.stream)
     try:
-        return _Table(lines, max_memory).recording(rate)
+        return _Table(lines, options.max_memory).recording(options.rate)
     except csv.Error as error:
         raise ParameterError(f"line {lines.number}: {error}") from error
     finally:
@@ -174,7 +167,7 @@ class _Table:
             grid = self._grid(len(x), rate)
         notes += grid.notes
         for note in grid.notes:
-            warnings.warn(note, MovedTimesWarning, stacklevel=4)
+            warnings.warn(note, MovedTimesWarning, stacklevel=5)
         if self._lines.comments:
             notes.append(f"comment lines not carried over: {self._lines.comments}")
         named = [split_name(name) for name in self._names[first:]]
@@ -353,7 +346,7 @@ def _channel(
     )
 
 
-def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:
+def write(recording: Recording, target: Destination, options: WriteOptions) -> list[str]:
     """Physical values in the shortest decimals that give the same bits; a gap is an empty cell.
 
     Where more than ``_GAP_ROWS`` rows, and more than half, would hold no sample, those rows are
@@ -361,8 +354,8 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
     """
     rate = one_rate(recording, ".csv")
     header = [column_name(channel.label, channel.unit) for channel in recording.channels]
-    parts, left_out = _parts(recording, max_memory)
-    text = TextIOWrapper(stream, encoding="utf-8", newline="")
+    parts, left_out = _parts(recording, options.max_memory)
+    text = TextIOWrapper(target.stream, encoding="utf-8", newline="")
     stamps = TimeStamps()
     try:
         text.write(",".join(["t [s]", *header]) + "\n")

@@ -6,9 +6,8 @@ import struct
 import sys
 import tokenize
 import warnings
-from fractions import Fraction
 from math import prod
-from typing import IO, Any, BinaryIO
+from typing import IO, Any
 
 import numpy as np
 from numpy.lib import format as npy_format
@@ -26,6 +25,7 @@ from .common import (
     read_bytes,
     refusing,
 )
+from .formats import Destination, ReadOptions, Source, WriteOptions
 
 _HEADERS = {
     (1, 0): npy_format.read_array_header_1_0,
@@ -36,17 +36,11 @@ _HEADERS = {
 _HEADER_ERRORS = (struct.error, SyntaxError, TypeError, RecursionError, tokenize.TokenError)
 
 
-def read(
-    stream: BinaryIO,
-    *,
-    rate: Fraction | None,
-    max_memory: int,
-    transpose: bool | None = None,
-) -> Recording:
+def read(source: Source, options: ReadOptions) -> Recording:
     """[channels, samples] or [samples] of real numbers -> channels ch1, ch2 ...; NaN is a gap."""
-    array = read_array(stream, "the array", max_memory=max_memory)
-    x = doubles_2d(array, "the array", transpose=transpose)
-    rate = choose_rate(rate, None, [])
+    array = read_array(source.stream, "the array", max_memory=options.max_memory)
+    x = doubles_2d(array, "the array", transpose=options.transpose)
+    rate = choose_rate(options.rate, None, [])
     return Recording(
         tuple(
             Channel.from_physical(row, rate, label=f"ch{number}")
@@ -55,13 +49,13 @@ def read(
     )
 
 
-def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:
+def write(recording: Recording, target: Destination, options: WriteOptions) -> list[str]:
     """Physical values as float64 [channels, ticks], NaN in gaps; all channels start together."""
     rate = one_rate(recording, ".npy")
-    dense = Dense(recording.channels, ".npy", max_memory)
+    dense = Dense(recording.channels, ".npy", options.max_memory)
     if any(channel.start_tick != dense.start for channel in recording.channels):
         raise ParameterError(".npy holds one start, the channels begin at several; use .npz")
-    write_dense(stream, dense)
+    write_dense(target.stream, dense)
     notes = [f"the rate, {rate} Hz, is not carried over to .npy"]
     if dense.start:
         notes.append(f"the start, tick {dense.start}, is not carried over to .npy")

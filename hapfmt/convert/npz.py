@@ -53,9 +53,9 @@ from .common import (
     not_carried,
     rate_from,
     refusing,
-    seekable,
     unit_of,
 )
+from .formats import Destination, ReadOptions, Source, WriteOptions
 from .npy import doubles_2d, memory_of, read_array, read_header, write_array, write_dense
 
 _KEY = re.compile(
@@ -75,15 +75,10 @@ _KEYS_NAMED = 8
 """A message lists this many keys and counts the others."""
 
 
-def read(
-    stream: BinaryIO,
-    *,
-    rate: Fraction | None,
-    max_memory: int,
-    transpose: bool | None = None,
-) -> Recording:
+def read(source: Source, options: ReadOptions) -> Recording:
     """A zip file of arrays with the keys above; NaN is a gap, other keys are noted."""
-    with _Archive(seekable(stream, max_memory), max_memory) as archive:
+    rate, transpose = options.rate, options.transpose
+    with _Archive(source.stream, options.max_memory) as archive:
         matches = [match for key in archive.members if (match := _KEY.fullmatch(key)) is not None]
         # What follows the name in the keys x, x__0, x__1 ... of the groups.
         endings = [match[2] or "" for match in matches if match[1] == "x"]
@@ -98,7 +93,7 @@ def read(
         found = [_channels(archive, ending, rate, notes, transpose) for ending in endings]
         channels = [channel for group, _ in found for channel in group]
         positions = [p for ending in endings for p in archive.integers(f"index{ending}")]
-        source, texts = archive.texts("source"), archive.texts("events")
+        origin, texts = archive.texts("source"), archive.texts("events")
     # What ``_written`` made of events.
     with refusing("key 'events'", RecursionError, TypeError):
         events = [Event(**row) for text in texts for row in json.loads(text)]
@@ -111,7 +106,7 @@ def read(
         more = len(unread) - _KEYS_NAMED
         shown = ", ".join(map(repr, unread[:_KEYS_NAMED]))
         notes.append(f"keys not carried over: {shown}{f' and {more} more' if more > 0 else ''}")
-    metadata = {"source": "; ".join(source)} if source else {}
+    metadata = {"source": "; ".join(origin)} if origin else {}
     described = {**metadata, "notes": notes} if notes else metadata
     return Recording(
         tuple(
@@ -320,7 +315,7 @@ def _channels(
         found, ticks_at, epoch_ns = grid.rate, grid.ticks, grid.epoch_ns
         notes += grid.notes
         for note in grid.notes:
-            warnings.warn(note, MovedTimesWarning, stacklevel=5)
+            warnings.warn(note, MovedTimesWarning, stacklevel=6)
     hertz = choose_rate(rate, found, notes)
     if times is not None and ticks_at is None:
         notes += _times_notes(times, hertz, ticks, starts[0])
@@ -382,10 +377,10 @@ def _times_notes(times: NDArray[np.float64], rate: Fraction, ticks: int, start: 
     return notes
 
 
-def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:
+def write(recording: Recording, target: Destination, options: WriteOptions) -> list[str]:
     """Physical values as float64, dense over each group's ticks, NaN in gaps."""
-    arrays = _arrays(recording, max_memory)
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+    arrays = _arrays(recording, options.max_memory)
+    with zipfile.ZipFile(target.stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for key, array in arrays.items():
             # A fixed date: the same recording gives the same bytes.
             info = zipfile.ZipInfo(f"{key}.npy", (1980, 1, 1, 0, 0, 0))

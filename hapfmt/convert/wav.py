@@ -22,9 +22,9 @@ from .common import (
     not_carried,
     one_rate,
     refusing,
-    seekable,
     with_notes,
 )
+from .formats import Destination, ReadOptions, Source, WriteOptions
 
 _PCM: dict[str, tuple[int, np.dtype[Any], int]] = {
     "PCM_U8": (8, np.dtype(np.int16), 8),
@@ -83,26 +83,18 @@ class _Guarded:
         return self._kept(self._stream.tell, otherwise=0)
 
 
-def read(
-    stream: BinaryIO,
-    *,
-    rate: Fraction | None,
-    max_memory: int,
-    transpose: bool | None = None,
-) -> Recording:
+def read(source: Source, options: ReadOptions) -> Recording:
     """PCM of b bits -> counts with the calibration 1 / 2**(b - 1); float -> doubles, NaN is a gap.
 
     Channels are labelled ch1, ch2 ...
     """
-    if transpose is not None:
-        raise ParameterError("transpose is for arrays in .npy and .npz")
-    stream = seekable(stream, max_memory)
+    max_memory, stream = options.max_memory, source.stream
     _check_chunks(stream)
     with _opened(stream, "r") as file:
         if file.subtype not in (*_PCM, *_FLOAT):
             raise ParameterError(f"{file.subtype} samples are not read; PCM and float are")
         notes: list[str] = []
-        hertz = choose_rate(rate, Fraction(file.samplerate), notes)
+        hertz = choose_rate(options.rate, Fraction(file.samplerate), notes)
         if file.subtype in _FLOAT:
             x = _samples(file, np.dtype(np.float64), max_memory)
             channels = [Channel.from_physical(column, hertz) for column in x.T]
@@ -118,8 +110,9 @@ def read(
     return Recording(tuple(labelled), metadata=with_notes({}, notes))
 
 
-def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[str]:
+def write(recording: Recording, target: Destination, options: WriteOptions) -> list[str]:
     """Counts that PCM can hold as PCM, bit for bit; everything else as DOUBLE, NaN in gaps."""
+    stream, max_memory = target.stream, options.max_memory
     rate = one_rate(recording, ".wav")
     if rate.denominator != 1 or rate >= 1 << 31:
         raise ParameterError(f".wav holds whole rates below 2^31 Hz, not {rate} Hz; use .npz")
@@ -134,19 +127,19 @@ def write(recording: Recording, stream: BinaryIO, *, max_memory: int) -> list[st
         size = _PCM[subtype][1].itemsize * recording.sample_count
     if size > _SIZE_LIMIT:
         raise ParameterError(f".wav holds at most {_SIZE_LIMIT} bytes of samples; use .npz")
-    target = stream if stream.seekable() and stream.tell() == 0 else BytesIO()
-    if target is not stream and size > max_memory:
+    out = stream if stream.seekable() and stream.tell() == 0 else BytesIO()
+    if out is not stream and size > max_memory:
         raise LimitError(
             f"the samples take {size} bytes, and a pipe takes them at once; allow more than "
             f"{max_memory} (max_memory=) or write to a file"
         )
     with _opened(
-        target, "w", samplerate=int(rate), channels=count, format="WAV", subtype=subtype
+        out, "w", samplerate=int(rate), channels=count, format="WAV", subtype=subtype
     ) as file:
         for block in frames:
             file.write(np.ascontiguousarray(block))
-    if target is not stream and isinstance(target, BytesIO):
-        stream.write(target.getbuffer())
+    if out is not stream and isinstance(out, BytesIO):
+        stream.write(out.getbuffer())
     return _notes(recording, subtype)
 
 

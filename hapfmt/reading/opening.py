@@ -79,8 +79,6 @@ def copied_tracks(source: ByteSource, entries: Sequence[IndexEntry]) -> set[int]
     return {track for track, count in counts.items() if count > 1}
 
 
-OTHER_FORMATS = {".npz": "an NPZ", ".npy": "an NPY", ".csv": "a CSV", ".wav": "a WAV"}
-"""Suffixes of files that are no hapf files but become some."""
 MS = 10**6
 """Nanoseconds."""
 FOOT_SIZE = HEADER_SIZE + 32
@@ -401,14 +399,14 @@ def lose_strangers(catalogue: Catalogue) -> None:
 def no_signature(source: ByteSource) -> FormatError:
     """With the way out, where the file is empty or of a format that ``encode`` reads."""
     path, message, more = Path(source.path or ""), "not a hapf file: no signature", []
-    kind = None if is_url(source.path or "") else OTHER_FORMATS.get(path.suffix.lower())
+    other = not is_url(source.path or "") and path.suffix.lower() not in ("", ".hapf")
     if not source.size:
         message = "not a hapf file: the file is empty"
-    elif kind:
+    elif other:
         names = shlex.join([str(path), str(path.with_suffix(".hapf"))])
         rate = " --rate HZ" if path.suffix.lower() == ".npy" else ""
         more = [
-            f"this is {kind} file; to make a hapf file of it, run:",
+            "if this is a recording in another format, make a hapf file of it:",
             f"  hapfmt encode {names}{rate}",
         ]
     return FormatError(message, requirement="FIL-001", offset=0, path=source.path, more=more)

@@ -14,7 +14,7 @@ from measured import files_in
 from numpy.typing import NDArray
 
 import hapfmt
-from hapfmt.convert import FORMATS
+from hapfmt.convert.formats import read_suffixes
 from hapfmt.kernels import compiled
 from hapfmt.lab.scenes import load_scene, simulate
 from report.section import Options
@@ -83,7 +83,7 @@ def subjects(options: Options, listed: list[Listed]) -> Iterator[Subject]:
 
 def recordings_in(folder: Path) -> list[Path]:
     """Files of a format that hapfmt reads."""
-    known = {*FORMATS, ".hapf"}
+    known = {*read_suffixes(), ".hapf"}
     return [path for path in files_in(folder) if path.suffix.lower() in known]
 
 

@@ -1,0 +1,358 @@
+"""The formats of other programs: how one is described, found and chosen.
+
+A format registers itself under the entry-point group ``hapfmt.formats``; ours do the same. The
+entry point names a :class:`Format`. Its module is imported only when a file needs it. The module
+has one function, or both:
+
+``read(source: Source, options: ReadOptions) -> Recording | Import``
+    An :class:`Import` (see tables.py) describes the contents first and yields the values later,
+    so that long files need little memory.
+``write(recording: Recording, target: Destination, options: WriteOptions) -> Sequence[str]``
+    Returns notes on what the format cannot hold.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from importlib import import_module
+from importlib.metadata import entry_points
+from io import BytesIO
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
+
+from ..errors import DataWarning, LimitError, ParameterError
+from ..files import Closing
+
+if TYPE_CHECKING:
+    from fractions import Fraction
+
+GROUP = "hapfmt.formats"
+HAPF = ".hapf"
+SNIFFED = 512
+"""Bytes from the start of a file that its format is recognised by."""
+TEXT_SUFFIXES = ("", ".txt", ".tsv", ".dat", ".asc")
+"""A text under one of these names, or without one, is read as CSV."""
+
+Advance = Callable[[int, int], None]
+"""Called with what is done and the total, in any unit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """A format of another program.
+
+    name
+        as in ``--input-format``: "csv".
+    title
+        as people write it: "CSV".
+    suffixes
+        of its files, with the dot, in lower case.
+    module
+        the module with ``read``, ``write`` or both.
+    reads, writes
+        which of them it has.
+    magic
+        (offset, bytes): any of them at the start of a file makes it one of this format.
+    folder
+        name of a file, such as "meta/info.json", that makes the folder around it one of this
+        format. Its recordings are folders then.
+    options
+        names of the :class:`ReadOptions` and :class:`WriteOptions` that it uses; all readers take
+        ``rate``.
+    """
+
+    name: str
+    title: str
+    suffixes: tuple[str, ...] = ()
+    module: str
+    reads: bool = True
+    writes: bool = False
+    magic: tuple[tuple[int, bytes], ...] = ()
+    folder: str = ""
+    options: frozenset[str] = field(default_factory=frozenset)
+
+    @property
+    def code(self) -> Any:
+        """The module, imported."""
+        return import_module(self.module)
+
+    def matches(self, head: bytes) -> bool:
+        return any(head[at : at + len(bytes_)] == bytes_ for at, bytes_ in self.magic)
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What the caller wants of a file; None and () where nothing was said.
+
+    rate
+        ticks per second, for files that hold none; overrides that of the file.
+    transpose
+        arrays are [samples, channels].
+    select
+        names or patterns of what is read: topics, data sets, streams, columns.
+    clock
+        the stamps that count: "header" or "log" for messages, or the name of a time array.
+    episode
+        number or name of one episode of several.
+    map
+        path of a TOML file that says where channels, times and units are.
+    keep_stamps
+        keep the original time stamps, as one lossless channel for each table.
+    max_memory
+        bytes that the values may take.
+    progress
+        called as the file is read.
+    """
+
+    rate: Fraction | None = None
+    transpose: bool | None = None
+    select: tuple[str, ...] = ()
+    clock: str | None = None
+    episode: str | None = None
+    map: str | None = None
+    keep_stamps: bool = False
+    max_memory: int = 4 << 30
+    progress: Advance | None = None
+
+
+@dataclass(frozen=True)
+class WriteOptions:
+    """What the caller wants of a written file.
+
+    schema
+        "ros2" or "json" for MCAP.
+    fps
+        frames per second of a table that holds windows of samples.
+    max_memory
+        bytes that the gaps of the output may take.
+    progress
+        called as the file is written.
+    """
+
+    schema: str | None = None
+    fps: Fraction | None = None
+    max_memory: int = 1 << 30
+    progress: Advance | None = None
+
+
+class Source(Closing):
+    """A file to be read: a path, a folder, a URL, bytes, or a binary stream.
+
+    ``stream`` and ``path`` give the same bytes. Each is made when it is asked for, so a reader uses
+    the one that its library needs.
+    """
+
+    def __init__(
+        self, file: str | os.PathLike[str] | bytes | BinaryIO, max_memory: int = 4 << 30
+    ) -> None:
+        self._file = file
+        self._max_memory = max_memory
+        self._opened = ExitStack()
+        self.name: str | None = getattr(file, "name", None)
+        """For messages; None where there is none."""
+        if isinstance(file, (str, os.PathLike)):
+            self.name = os.fspath(file)
+        if not isinstance(self.name, str):
+            self.name = None
+        self.is_url = False
+        if isinstance(file, str) and ("://" in file or "::" in file):
+            from ..format.source import is_url
+
+            self.is_url = is_url(file)
+        self.is_local = isinstance(file, (str, os.PathLike)) and not self.is_url
+        self.is_folder = self.is_local and Path(cast(str, file)).is_dir()
+
+    def close(self) -> None:
+        self._opened.close()
+
+    @property
+    def suffix(self) -> str:
+        """In lower case, with the dot; "" where there is none."""
+        return PurePosixPath(self.name).suffix.lower() if self.name else ""
+
+    @cached_property
+    def stream(self) -> BinaryIO:
+        """The bytes, seekable, at their beginning."""
+        file = self._file
+        if isinstance(file, (bytes, bytearray, memoryview)):
+            return BytesIO(bytes(file))
+        if self.is_folder:
+            raise ParameterError(f"{self.name} is a folder")
+        if self.is_local:
+            return self._opened.enter_context(Path(cast(str, file)).open("rb"))
+        if self.is_url:
+            from ..format.source import spooled_url
+
+            spooled = self._opened.enter_context(spooled_url(cast(str, file)))
+            spooled.seek(0)
+            return spooled
+        stream = cast(BinaryIO, file)
+        if stream.seekable() and stream.tell() == 0:
+            return stream
+        from .common import read_bytes
+
+        data = read_bytes(stream, self._max_memory + 1)
+        if len(data) > self._max_memory:
+            raise LimitError(
+                f"the stream is longer than the {self._max_memory} bytes allowed; allow more "
+                "(max_memory=)"
+            )
+        return BytesIO(data)
+
+    @cached_property
+    def path(self) -> Path:
+        """A file or folder with these bytes, for libraries that open files by name."""
+        if self.is_local:
+            return Path(cast(str, self._file))
+        folder = Path(self._opened.enter_context(tempfile.TemporaryDirectory(prefix="hapfmt-")))
+        path = folder / (PurePosixPath(self.name or "").name or "input")
+        stream, at = self.stream, self.stream.tell()
+        stream.seek(0)
+        with path.open("wb") as copy:
+            shutil.copyfileobj(stream, copy)
+        stream.seek(at)
+        return path
+
+    @cached_property
+    def head(self) -> bytes:
+        """The first bytes."""
+        if self.is_folder:
+            return b""
+        head = self.stream.read(SNIFFED)
+        self.stream.seek(0)
+        return head
+
+
+class Destination:
+    """What a writer fills: ``stream``, a binary stream, or ``path``, an empty folder for formats
+    that are folders."""
+
+    def __init__(self, stream: BinaryIO | None = None, path: Path | None = None) -> None:
+        self._stream = stream
+        self._path = path
+
+    @property
+    def stream(self) -> BinaryIO:
+        assert self._stream is not None
+        return self._stream
+
+    @property
+    def path(self) -> Path:
+        assert self._path is not None
+        return self._path
+
+
+@cache
+def formats() -> dict[str, Format]:
+    """The installed formats by name, ours first."""
+    points = sorted(entry_points(group=GROUP), key=lambda p: not p.value.startswith("hapfmt."))
+    found: dict[str, Format] = {}
+    for point in points:
+        try:
+            one = point.load()
+            if not isinstance(one, Format):
+                raise TypeError(f"{point.value} is not a hapfmt.convert.formats.Format")
+        except Exception as error:
+            warnings.warn(f"the format {point.name!r} cannot be used: {error}", DataWarning, 2)
+            continue
+        found.setdefault(one.name, one)
+    order = {one.name: place for place, one in enumerate(OURS)}
+    return dict(sorted(found.items(), key=lambda item: order.get(item[0], len(order))))
+
+
+def read_suffixes() -> list[str]:
+    """Suffixes of all formats that are read, without our own .hapf."""
+    return [s for one in formats().values() if one.reads for s in one.suffixes]
+
+
+def written_suffixes() -> list[str]:
+    return [s for one in formats().values() if one.writes for s in one.suffixes]
+
+
+def named(text: str) -> Format:
+    """The format of a name or a suffix, with or without the dot."""
+    name = text.lower().removeprefix(".")
+    if name in formats():
+        return formats()[name]
+    found = with_suffix(f".{name}")
+    if found is None:
+        known = ", ".join(["hapf", *formats()])
+        raise ParameterError(f"no format is called {text!r}; there are: {known}")
+    return found
+
+
+def with_suffix(suffix: str, *, written: bool = False) -> Format | None:
+    """The first format with a suffix; of several that share it, one that is read, or written."""
+    found = [one for one in formats().values() if suffix in one.suffixes]
+    able = [one for one in found if (one.writes if written else one.reads)]
+    return next(iter([*able, *found]), None)
+
+
+def of_source(source: Source) -> Format | None:
+    """By content, then by suffix; None: nothing that is known, or a .hapf file."""
+    if source.is_folder:
+        for one in formats().values():
+            if one.folder and (source.path / one.folder).exists():
+                return one
+        markers = ", ".join(one.folder for one in formats().values() if one.folder)
+        raise ParameterError(
+            f"{source.name} is a folder, and holds none of the files that a recording needs: "
+            f"{markers}"
+        )
+    head = source.head
+    by_content = [one for one in formats().values() if one.matches(head)]
+    # Several formats share a container: the suffix decides among them.
+    for one in by_content:
+        if source.suffix in one.suffixes:
+            return one
+    if by_content:
+        return by_content[0]
+    found = with_suffix(source.suffix)
+    if found is None and source.suffix in TEXT_SUFFIXES and head and is_text(head):
+        return named("csv")
+    return found
+
+
+def is_text(head: bytes) -> bool:
+    text = head.decode("utf-8-sig", errors="replace").rstrip("\N{REPLACEMENT CHARACTER}")
+    return "\N{REPLACEMENT CHARACTER}" not in text and all(
+        c.isprintable() or c in "\t\r\n" for c in text
+    )
+
+
+NPZ = Format(
+    name="npz",
+    title="NumPy archive",
+    suffixes=(".npz",),
+    module="hapfmt.convert.npz",
+    writes=True,
+    magic=((0, b"PK"),),
+    options=frozenset({"transpose"}),
+)
+NPY = Format(
+    name="npy",
+    title="NumPy array",
+    suffixes=(".npy",),
+    module="hapfmt.convert.npy",
+    writes=True,
+    magic=((0, b"\x93NUMPY"),),
+    options=frozenset({"transpose"}),
+)
+CSV = Format(name="csv", title="CSV", suffixes=(".csv",), module="hapfmt.convert.csv", writes=True)
+WAV = Format(
+    name="wav",
+    title="WAV",
+    suffixes=(".wav",),
+    module="hapfmt.convert.wav",
+    writes=True,
+    magic=((0, b"RIFF"), (0, b"RF64"), (0, b"RIFX")),
+)
+OURS = (NPZ, NPY, CSV, WAV)
+"""In the order in which messages list them. Each is an entry point in pyproject.toml too."""
