@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..clocks import ClockObservation
 from ..errors import LimitError, ParameterError
 from ..recording import Calibration, Channel, Event, Recording, Span, spans_at, unique
 from .common import CHANNEL_LIMIT, with_notes
@@ -106,11 +107,18 @@ class Import:
     attachments: Mapping[str, tuple[str, bytes]] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     notes: tuple[str, ...] = ()
+    clocks: tuple[ClockObservation, ...] = ()
 
     @property
     def size(self) -> int:
         """Bytes that all values take."""
         return sum(table.row_count * table.row_size for table in self.tables)
+
+    @property
+    def duration(self) -> Fraction:
+        """Seconds from the zero to the end of the last row."""
+        ends = [(t.spans[-1].stop / t.rate) for t in self.tables if t.row_count]
+        return max(ends, default=Fraction(0))
 
     @property
     def labels(self) -> list[str]:
@@ -153,6 +161,7 @@ class Import:
             metadata=with_notes(metadata, self.all_notes),
             attachments=dict(self.attachments),
             events=self.events,
+            clocks=self.clocks,
         )
 
     def recording(
@@ -242,4 +251,5 @@ def import_of(recording: Recording) -> Import:
         recording.attachments,
         recording.events,
         tuple(notes if isinstance(notes, list) else [notes]),
+        recording.clocks,
     )

@@ -48,7 +48,7 @@ from ..recording import Calibration, Recording
 from ..threads import thread_count
 from .clusters import Clusters, SamplePiece, SampleRows, pieces_of
 from .filewriter import FileWriter
-from .writer import Summary, doubts_of, extras_of, layers_of
+from .writer import Summary, clock_chunks, doubts_of, extras_of, layers_of
 
 STREAMED = 512 << 20
 """Bytes of values above which a file is encoded while it is read. Below, :func:`write` encodes it
@@ -147,7 +147,7 @@ class Range:
 
 
 @dataclass
-class Column:
+class ImportedChannel:
     """One channel, and what becomes of it."""
 
     number: int
@@ -300,7 +300,7 @@ def count_range(dtype: np.dtype[Any], known: Range | None) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class Lane:
+class ColumnGroup:
     """Columns of one table and dtype, whose samples go together."""
 
     channels: tuple[int, ...]
@@ -317,8 +317,8 @@ class Importer:
     settings: Settings
     progress: Advance
     threads: int = 1
-    columns: list[Column] = field(default_factory=list)
-    lanes: list[list[Lane]] = field(default_factory=list)
+    columns: list[ImportedChannel] = field(default_factory=list)
+    lanes: list[list[ColumnGroup]] = field(default_factory=list)
     """By table."""
     payload: int = 0
     """Bytes of the packets so far."""
@@ -327,7 +327,9 @@ class Importer:
         labels = iter(self.found.labels)
         for table in self.found.tables:
             own = [
-                Column(len(self.columns) + place, next(labels), table, source, self.settings)
+                ImportedChannel(
+                    len(self.columns) + place, next(labels), table, source, self.settings
+                )
                 for place, source in enumerate(table.columns)
             ]
             by_dtype: dict[Any, list[int]] = {}
@@ -336,7 +338,7 @@ class Importer:
             first = len(self.columns)
             self.lanes.append(
                 [
-                    Lane(tuple(first + place for place in places), tuple(places), dtype)
+                    ColumnGroup(tuple(first + place for place in places), tuple(places), dtype)
                     for dtype, places in by_dtype.items()
                 ]
             )
@@ -524,6 +526,8 @@ class Importer:
             self.put(rest)
         silent = {c.number: c.plain for c in self.columns if not c.sample_count}
         self.writer.describe(self.encoder.silent(silent))
+        for type_, payload, id_ in clock_chunks(self.described, list(self.writer.tracks.values())):
+            self.writer.chunk(type_, payload, id_)
         self.writer.close()
         return Summary(
             self.writer.offset,
@@ -533,7 +537,7 @@ class Importer:
         )
 
 
-def error_of(column: Column, values: NDArray[Any]) -> float:
+def error_of(column: ImportedChannel, values: NDArray[Any]) -> float:
     """The largest error of samples that a grid keeps, in their unit."""
     encoder = column.encoder
     assert isinstance(encoder, GridEncoder)
