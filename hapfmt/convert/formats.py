@@ -354,5 +354,30 @@ WAV = Format(
     writes=True,
     magic=((0, b"RIFF"), (0, b"RF64"), (0, b"RIFX")),
 )
-OURS = (NPZ, NPY, CSV, WAV)
+_TOPICS = frozenset({"select", "clock", "keep_stamps"})
+MCAP = Format(
+    name="mcap",
+    title="MCAP",
+    suffixes=(".mcap",),
+    module="hapfmt.convert.mcap",
+    magic=((0, b"\x89MCAP0\r\n"),),
+    options=_TOPICS,
+)
+ROSBAG = Format(
+    name="rosbag",
+    title="ROS 1 bag",
+    suffixes=(".bag",),
+    module="hapfmt.convert.rosbag",
+    magic=((0, b"#ROSBAG V"),),
+    options=_TOPICS,
+)
+ROS2 = Format(
+    name="ros2",
+    title="ROS 2 bag",
+    suffixes=(".db3",),
+    module="hapfmt.convert.rosbag",
+    folder="metadata.yaml",
+    options=_TOPICS,
+)
+OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
