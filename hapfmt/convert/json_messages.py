@@ -18,7 +18,7 @@ _ITEM_LIMIT = 4096
 """Members of an array that become paths."""
 
 
-class Number(NamedTuple):
+class JsonNumber(NamedTuple):
     dtype: np.dtype[Any]
     length: int | None = None
     owners: Sequence[tuple[str, str]] = ()
@@ -26,9 +26,9 @@ class Number(NamedTuple):
 
 
 @dataclass
-class Part:
+class JsonMessages:
     rows: NDArray[np.intp]
-    numbers: Mapping[str, Number]
+    numbers: Mapping[str, JsonNumber]
     texts: Mapping[str, list[str | None]]
     found: Mapping[str, list[Any]]
 
@@ -48,16 +48,16 @@ class Part:
 
 
 class JsonDecoder:
-    def parts(self, messages: Sequence[bytes]) -> Iterator[Part]:
+    def parts(self, messages: Sequence[bytes]) -> Iterator[JsonMessages]:
         found: dict[str, list[Any]] = {}
         texts: dict[str, list[str | None]] = {}
         for row, data in enumerate(messages):
             try:
                 message = json.loads(data)
             except (ValueError, RecursionError) as error:
-                raise ParameterError(f"a message is no JSON: {error}") from error
+                raise ParameterError(f"a message is not JSON: {error}") from error
             if not isinstance(message, dict):
-                raise ParameterError("a message of JSON is no object")
+                raise ParameterError("a message of JSON is not an object")
             for path, value in _leaves(message, "", 0):
                 columns: dict[str, list[Any]] = texts if isinstance(value, str) else found
                 column = columns.setdefault(path, [])
@@ -67,7 +67,7 @@ class JsonDecoder:
         for column in (*found.values(), *texts.values()):
             column.extend([None] * (len(messages) - len(column)))
         numbers = {path: _number(column) for path, column in found.items()}
-        yield Part(np.arange(len(messages)), numbers, texts, found)
+        yield JsonMessages(np.arange(len(messages)), numbers, texts, found)
 
 
 def _leaves(value: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:
@@ -102,11 +102,11 @@ def _time_ns(value: Mapping[str, Any]) -> TimeNs | None:
     return TimeNs(seconds * 10**9 + rest)
 
 
-def _number(column: Sequence[Any]) -> Number:
+def _number(column: Sequence[Any]) -> JsonNumber:
     """Integers stay integers where all messages have one."""
     kinds = {type(value) for value in column}
     if kinds == {bool}:
-        return Number(np.dtype(np.uint8))
+        return JsonNumber(np.dtype(np.uint8))
     if kinds <= {int, TimeNs} and all(-_LARGEST <= value < _LARGEST for value in column):
-        return Number(np.dtype(np.int64), is_time=kinds == {TimeNs})
-    return Number(np.dtype(np.float64))
+        return JsonNumber(np.dtype(np.int64), is_time=kinds == {TimeNs})
+    return JsonNumber(np.dtype(np.float64))

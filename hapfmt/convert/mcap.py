@@ -17,8 +17,8 @@ from ..errors import LimitError, MissingExtraError, ParameterError
 from .common import refusing
 from .formats import ReadOptions, Source
 from .json_messages import MAX_DEPTH, JsonDecoder
-from .messages import Decoder, Message, Topic, read_messages
-from .ros_layout import Layout
+from .messages import MessageDecoder, Topic, TopicMessage, read_messages
+from .ros_layout import RosLayout
 from .tables import Import
 
 try:
@@ -26,7 +26,14 @@ try:
     from mcap.exceptions import McapError
     from mcap.opcode import Opcode
     from mcap.records import (
-        Attachment, AttachmentIndex, Channel, Chunk, Header, Metadata, MetadataIndex, Schema,
+        Attachment,
+        AttachmentIndex,
+        Channel,
+        Chunk,
+        Header,
+        Metadata,
+        MetadataIndex,
+        Schema,
         Statistics,
     )  # fmt: skip
     from mcap.records import Message as Record
@@ -56,13 +63,13 @@ def read_files(paths: Sequence[Path], options: ReadOptions) -> Import:
 
 
 def _read(parts: Sequence[Path | BinaryIO], options: ReadOptions) -> Import:
-    file = _File(parts, options)
+    file = _McapFile(parts, options)
     return read_messages(
         file, options, metadata=file.metadata, attachments=file.attachments, notes=file.notes
     )
 
 
-class _Exact:
+class _ExactStream:
     """A stream that never gives fewer bytes than asked for, nor allocates more than there are."""
 
     def __init__(self, stream: BinaryIO) -> None:
@@ -90,12 +97,12 @@ class _Exact:
         self.at = offset
 
 
-class _Source(NamedTuple):
+class _ChannelSource(NamedTuple):
     part: int
     id: int
 
 
-class _File:
+class _McapFile:
     def __init__(self, parts: Sequence[Path | BinaryIO], options: ReadOptions) -> None:
         self.parts = parts
         self.options = options
@@ -103,7 +110,8 @@ class _File:
         self.topics: list[Topic] = []
         self.metadata: dict[str, Any] = {}
         self.attachments: dict[str, tuple[str, bytes]] = {}
-        self.ids: dict[_Source, int] = {}
+        self.ids: dict[_ChannelSource, int] = {}
+        self.counts_all = False
         self._survey()
 
     # records
@@ -119,7 +127,7 @@ class _File:
             yield from self._records(opened)
 
     def _records(self, stream: BinaryIO) -> Iterator[Any]:
-        exact = _Exact(stream)
+        exact = _ExactStream(stream)
         reader = StreamReader(cast(BinaryIO, exact), emit_chunks=True, record_size_limit=exact.size)
         records = reader.records
         while True:
@@ -136,7 +144,8 @@ class _File:
             else:
                 yield record
 
-    def messages(self, wanted: set[int]) -> Iterator[Message]:
+    def messages(self, wanted: set[int]) -> Iterator[TopicMessage]:
+        last, counts_all = -1, len(self.ids) > 1
         for part in range(len(self.parts)):
             ids = {
                 source.id: topic
@@ -146,11 +155,17 @@ class _File:
             if not ids:
                 continue
             for record in self.records(part):
-                if type(record) is tuple and record[0] in ids:
-                    channel, number, log_ns, data = record
+                if type(record) is not tuple:
+                    continue
+                channel, number, log_ns, data = record
+                if number <= last:
+                    counts_all = False
+                last = number
+                if channel in ids:
                     if log_ns >= 1 << 63:
                         raise ParameterError(f"the log time {log_ns} ns is out of range")
-                    yield Message(ids[channel], log_ns, number, data)
+                    yield TopicMessage(ids[channel], log_ns, number, data)
+        self.counts_all = counts_all
 
     # what the file holds
 
@@ -177,7 +192,7 @@ class _File:
 
     def _summary(self, stream: BinaryIO) -> list[Any]:
         """From the end of the file; [] where there is no summary, or not all of it."""
-        exact = _Exact(stream)
+        exact = _ExactStream(stream)
         if exact.size < _FOOTER_SIZE + 2 * len(MAGIC):
             return []
         header = self._record_at(exact, len(MAGIC))
@@ -205,9 +220,11 @@ class _File:
         return [*found, *(one for one in indexed if isinstance(one, (Schema, Channel)))]
 
     @staticmethod
-    def _record_at(exact: _Exact, offset: int) -> Any:
+    def _record_at(exact: _ExactStream, offset: int) -> Any:
         exact.seek(offset)
-        reader = StreamReader(cast(BinaryIO, exact), skip_magic=True, record_size_limit=exact.size, emit_chunks=True)
+        reader = StreamReader(
+            cast(BinaryIO, exact), skip_magic=True, record_size_limit=exact.size, emit_chunks=True
+        )
         with refusing("the MCAP file is damaged", McapError, struct.error, RuntimeError):
             return next(reader.records)
 
@@ -224,7 +241,7 @@ class _File:
             if key not in known:
                 known[key] = len(self.topics)
                 self.topics.append(topic)
-            self.ids[_Source(part, channel.id)] = known[key]
+            self.ids[_ChannelSource(part, channel.id)] = known[key]
         for name in dict.fromkeys(names):
             if names.count(name) > 1:
                 self.notes.append(
@@ -248,22 +265,22 @@ def _topic_of(channel: Channel, schema: Schema | None, publisher: str) -> Topic:
     return Topic(channel.topic, kind, decoder, "", publisher, units)
 
 
-def _decoder_of(encoding: str, schema: Schema | None, kind: str) -> Decoder:
+def _decoder_of(encoding: str, schema: Schema | None, kind: str) -> MessageDecoder:
     if encoding == "json":
         return JsonDecoder()
     if encoding not in ("cdr", "ros1"):
         raise ParameterError(f"messages with the encoding {encoding!r} are not known")
-    from .rosbag import default_types, parsed
+    from .ros_definitions import default_types, parsed
 
     if schema is None or not schema.encoding:
-        return Layout(default_types(kind), kind, is_cdr=True)
+        return RosLayout(default_types(kind), kind, is_cdr=True)
     language = {"ros2msg": "msg", "ros1msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
     if schema.encoding not in language:
         raise ParameterError(f"schemas with the encoding {schema.encoding!r} are not known")
     with refusing("the definition of its type"):
         text = schema.data.decode("utf-8")
     kind = kind if "/msg/" in kind or "/" not in kind else "/msg/".join(kind.split("/", 1))
-    return Layout(parsed(text, kind, language[schema.encoding]), kind, is_cdr=encoding == "cdr")
+    return RosLayout(parsed(text, kind, language[schema.encoding]), kind, is_cdr=encoding == "cdr")
 
 
 def _unpacked(chunk: Chunk, room: int) -> Iterator[Any]:
@@ -292,7 +309,9 @@ def _decompressed(chunk: Chunk, room: int) -> bytes:
     """The size that the chunk states is checked first, since that much is allocated."""
     size = chunk.uncompressed_size
     if size > room:
-        raise LimitError(f"a chunk of the file takes {size} bytes, more than {room}")
+        raise LimitError(
+            f"a chunk of the file takes {size} bytes, more than {room}; allow more (max_memory=)"
+        )
     with refusing("a chunk of the MCAP file is damaged", RuntimeError, *_broken()):
         if chunk.compression == "zstd":
             import zstandard

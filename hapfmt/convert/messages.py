@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from fractions import Fraction
@@ -17,14 +17,15 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import HapfmtError, LimitError, ParameterError, similar
+from ..clocks import ClockObservation
+from ..errors import LimitError, ParameterError, similar
 from ..numbers import counted
 from ..recording import Calibration, Event
 from ..units import to_ucum
 from .formats import ReadOptions
 from .ros_types import COVARIANCE, JOINTS, NOT_READ, TEXTS, meaning, plain
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
-from .timestamps import Placed, align, place, stamp_channel
+from .timestamps import Placed, align, observations, place, stamp_channel
 
 ROWS = 2048
 """Messages of a topic that are decoded at a time, unless they are large."""
@@ -33,6 +34,7 @@ _BLOCK_SIZE = 8 << 20
 _ARRAY_LIMIT = 256
 """Numbers of an array that become channels; longer ones are data of another kind."""
 _EVENT_LIMIT = 1 << 17
+_FEW_ROWS = 64
 _UNIX_NS = 10**18
 """About the year 2001: stamps below count from something else, such as the start of a program."""
 _OTHER_CLOCK_NS = 86_400 * 10**9
@@ -44,7 +46,7 @@ _STAMPS = ("header.stamp", "timestamp", "stamp", "header.timestamp", "time")
 _SEQUENCE = "header.seq"
 
 
-class Number(Protocol):
+class MessageNumber(Protocol):
     """A number of every message, or an array of ``length`` numbers."""
 
     @property
@@ -57,13 +59,13 @@ class Number(Protocol):
     def is_time(self) -> bool: ...
 
 
-class Part(Protocol):
+class DecodedMessages(Protocol):
     """Some messages, decoded: ``rows`` of those that were given."""
 
     @property
     def rows(self) -> NDArray[np.intp]: ...
     @property
-    def numbers(self) -> Mapping[str, Number]: ...
+    def numbers(self) -> Mapping[str, MessageNumber]: ...
     @property
     def texts(self) -> Mapping[str, Any]: ...
     def values(self, path: str) -> NDArray[Any]: ...
@@ -71,8 +73,8 @@ class Part(Protocol):
     def is_constant(self, path: str) -> bool: ...
 
 
-class Decoder(Protocol):
-    def parts(self, messages: Sequence[bytes]) -> Iterator[Part]: ...
+class MessageDecoder(Protocol):
+    def parts(self, messages: Sequence[bytes]) -> Iterator[DecodedMessages]: ...
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ class Topic:
 
     name: str
     kind: str
-    decoder: Decoder | None
+    decoder: MessageDecoder | None
     reason: str = ""
     publisher: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
@@ -94,7 +96,7 @@ class Topic:
         return f"{self.name} ({self.publisher})" if self.publisher else self.name
 
 
-class Message(NamedTuple):
+class TopicMessage(NamedTuple):
     topic: int
     log_ns: int
     number: int
@@ -103,22 +105,26 @@ class Message(NamedTuple):
 
 
 class MessageFile(Protocol):
+    counts_all: bool
+    """Whether the sequence numbers count the messages of all topics together; known after a pass
+    over the messages."""
+
     @property
     def topics(self) -> Sequence[Topic]: ...
 
-    def messages(self, wanted: set[int]) -> Iterator[Message]:
+    def messages(self, wanted: set[int]) -> Iterator[TopicMessage]:
         """In the order of the file, those of the wanted topics."""
 
 
-class _Column(NamedTuple):
+class _TopicColumn(NamedTuple):
     path: str
     place: int | None
-    """Of an array."""
+    """In an array; None: it is none."""
     description: ImportColumn
 
 
 @dataclass
-class _Scan:
+class _TopicScan:
     """What the first pass finds out of a topic."""
 
     topic: Topic
@@ -129,7 +135,7 @@ class _Scan:
     """The sequence numbers of headers."""
     stamp_path: str | None = None
     is_first: bool = True
-    numbers: dict[str, Number] = field(default_factory=dict)
+    numbers: dict[str, MessageNumber] = field(default_factory=dict)
     varying: dict[str, set[int]] = field(default_factory=dict)
     some: set[str] = field(default_factory=set)
     """Paths of numbers that not all messages have."""
@@ -145,14 +151,14 @@ class _Scan:
             if self.stamp_path in part.numbers:
                 assert self.stamp_path is not None
                 stamps[part.rows] = part.values(self.stamp_path)
-            if _SEQUENCE in part.numbers and part.numbers[_SEQUENCE].count is None:
+            if _SEQUENCE in part.numbers and part.numbers[_SEQUENCE].length is None:
                 counts = np.zeros(len(messages), np.int64) if counts is None else counts
                 counts[part.rows] = part.values(_SEQUENCE)
         self.stamps.append(stamps)
         if counts is not None:
             self.counts.append(counts)
 
-    def _learn(self, part: Part) -> None:
+    def _learn(self, part: DecodedMessages) -> None:
         if self.is_first:
             self.stamp_path = next(
                 (p for p in _STAMPS if p in part.numbers and part.numbers[p].is_time), None
@@ -165,7 +171,9 @@ class _Scan:
                 self.varying.setdefault(path, {known.length or 0}).add(number.length or 0)
             if known.dtype.newbyteorder("=") != number.dtype.newbyteorder("="):
                 wider = np.promote_types(known.dtype, number.dtype)
-                self.numbers[path] = _Widened(wider, known.length, known.owners, known.is_time)
+                self.numbers[path] = _WidenedNumber(
+                    wider, known.length, known.owners, known.is_time
+                )
         for path in self.texts.keys() - part.texts.keys():
             self.texts[path] = None
         for path in part.texts:
@@ -175,7 +183,7 @@ class _Scan:
         self.is_first = False
 
 
-class _Widened(NamedTuple):
+class _WidenedNumber(NamedTuple):
     dtype: np.dtype[Any]
     length: int | None
     owners: Sequence[tuple[str, str]]
@@ -191,10 +199,10 @@ def read_messages(
     notes: Sequence[str] = (),
 ) -> Import:
     """The channels and events of a file."""
-    return _Reading(file, options, list(notes)).found(metadata or {}, attachments or {})
+    return _MessageReading(file, options, list(notes)).found(metadata or {}, attachments or {})
 
 
-class _Reading:
+class _MessageReading:
     def __init__(self, file: MessageFile, options: ReadOptions, notes: list[str]) -> None:
         self.file = file
         self.options = options
@@ -211,7 +219,7 @@ class _Reading:
         placed: dict[int, Placed] = {}
         stamps: dict[int, NDArray[np.int64]] = {}
         clocks: dict[int, str] = {}
-        columns: dict[int, list[_Column]] = {}
+        columns: dict[int, list[_TopicColumn]] = {}
         eventful: list[int] = []
         for number, scan in scans.items():
             if not scan.logs:
@@ -227,9 +235,9 @@ class _Reading:
                     stamps[number],
                     name=f"topic {scan.topic.title}",
                     rate=self.options.rate,
-                    sequence=_sequence(scan),
+                    sequence=self.sequence_of(scan),
                 )
-            if where is not None:
+            if where is not None and (self.options.rate or not _is_sparse(where)):
                 placed[number] = where
                 continue
             has_columns = bool(columns.pop(number, None))
@@ -254,7 +262,7 @@ class _Reading:
             for n, start in zip(order, starts[: len(order)], strict=True)
         ]
         selected = self.selected(tables, [scans[n].topic for n in order])
-        reading = _Values(self.file, order, scans, columns, selected)
+        reading = _SecondPass(self.file, order, scans, columns, selected)
         extra = []
         if self.options.keep_stamps:
             for place_, number in enumerate(order):
@@ -284,7 +292,29 @@ class _Reading:
                 for time_ns, text, layer in events
             ),
             notes=tuple(self.notes),
+            clocks=tuple(self.observed(order, scans, placed, final)),
         )
+
+    @staticmethod
+    def observed(
+        order: Sequence[int],
+        scans: Mapping[int, _TopicScan],
+        placed: Mapping[int, Placed],
+        tables: Sequence[ImportTable],
+    ) -> Iterator[ClockObservation]:
+        """Observations of the clocks "header" and "log", by the first channel of each topic."""
+        first = 0
+        for number, table in zip(order, tables, strict=True):
+            if table.columns:
+                scan = scans[number]
+                stamps = {"header": np.concatenate(scan.stamps), "log": np.array(scan.logs)}
+                for clock, own in stamps.items():
+                    if own.any():
+                        for each in observations(
+                            placed[number], own, clock, table.start_tick, first
+                        ):
+                            yield ClockObservation(*each)
+            first += len(table.columns)
 
     # selection
 
@@ -346,12 +376,12 @@ class _Reading:
 
     # first pass
 
-    def scanned(self, wanted: set[int]) -> dict[int, _Scan]:
-        scans = {n: _Scan(self.file.topics[n]) for n in sorted(wanted)}
+    def scanned(self, wanted: set[int]) -> dict[int, _TopicScan]:
+        scans = {n: _TopicScan(self.file.topics[n]) for n in sorted(wanted)}
         broken: set[int] = set()
         left = self.options.max_memory // 32
 
-        def learn(number: int, messages: Sequence[Message]) -> None:
+        def learn(number: int, messages: Sequence[TopicMessage]) -> None:
             if number in broken:
                 return
             scan = scans[number]
@@ -376,7 +406,7 @@ class _Reading:
             learn(number, messages)
         return {n: scan for n, scan in scans.items() if n not in broken}
 
-    def stamps_of(self, scan: _Scan) -> tuple[str, NDArray[np.int64]]:
+    def stamps_of(self, scan: _TopicScan) -> tuple[str, NDArray[np.int64]]:
         logs = np.array(scan.logs, np.int64)
         stamps = np.concatenate(scan.stamps)
         if scan.stamp_path is None or not stamps.any():
@@ -386,6 +416,17 @@ class _Reading:
                 )
             return "log", logs
         return ("log", logs) if self.options.clock == "log" else ("header", stamps)
+
+    def sequence_of(self, scan: _TopicScan) -> NDArray[Any] | None:
+        """Numbers that count the messages of this topic: of the headers, else of the file."""
+        if scan.counts:
+            numbers = np.concatenate(scan.counts).astype(np.uint32)
+        elif self.file.counts_all:
+            return None
+        else:
+            numbers = np.array(scan.sequence, np.uint32)
+        steps = np.count_nonzero(np.diff(numbers))
+        return numbers if numbers.size == len(scan.logs) and steps > 0.9 * len(scan.logs) else None
 
     def check_clocks(
         self, clocks: Mapping[int, str], stamps: Mapping[int, NDArray[np.int64]]
@@ -406,12 +447,14 @@ class _Reading:
 
     # columns
 
-    def columns_of(self, scan: _Scan) -> list[_Column]:
+    def columns_of(self, scan: _TopicScan) -> list[_TopicColumn]:
         topic = scan.topic
-        found: list[_Column] = []
+        found: list[_TopicColumn] = []
         noise, lengths, long = False, [], []
         for path, number in scan.numbers.items():
-            if path in (scan.stamp_path, _SEQUENCE):
+            if path in (scan.stamp_path, _SEQUENCE) or (
+                path.startswith("layout.") and topic.kind.endswith("MultiArray")
+            ):
                 continue
             if COVARIANCE.search(path):
                 noise = True
@@ -433,6 +476,11 @@ class _Reading:
             self.notes.append(
                 f"the array {path} of topic {topic.title} has {count} values, and is not read"
             )
+        if plain(topic.kind) == JOINTS and any(column.path == "position" for column in found):
+            self.notes.append(
+                f"the joints of topic {topic.title} count as hinges, with rad and N.m; the types "
+                "of messages do not tell which of them slide"
+            )
         texts = [p for p, t in scan.texts.items() if t is None and p != "header.frame_id"]
         if texts and found:
             self.notes.append(f"texts of topic {topic.title} are not read: {', '.join(texts[:5])}")
@@ -440,21 +488,23 @@ class _Reading:
             self.notes.append(f"the frame_id of topic {topic.title} changes, and is not kept")
         return found
 
-    def columns_at(self, scan: _Scan, path: str, number: Number) -> Iterator[_Column]:
+    def columns_at(
+        self, scan: _TopicScan, path: str, number: MessageNumber
+    ) -> Iterator[_TopicColumn]:
         about, axis = meaning(number.owners)
         source = scan.topic.units.get(path, "")
         unit = "ns" if number.is_time else to_ucum(source) if source else about.unit
         dtype = np.dtype(np.int64) if number.is_time else number.dtype.newbyteorder("=")
         if path in scan.some and dtype.kind in "iu":
             dtype = np.dtype(np.float64)
-        is_counts = dtype.kind in "ib" and dtype.itemsize <= 4 or dtype in ("u1", "u2")
+        is_counts = (dtype.kind in "ib" and dtype.itemsize <= 4) or dtype in ("u1", "u2")
         if dtype.kind == "u" and not is_counts:
             dtype = np.dtype(np.uint64)
         places: Iterable[int | None] = [None] if number.length is None else range(number.length)
         for place_ in places:
             label = _label(scan, path, place_)
             group = label.rpartition(".")[0] if axis else ""
-            yield _Column(
+            yield _TopicColumn(
                 path,
                 place_,
                 ImportColumn(
@@ -472,7 +522,9 @@ class _Reading:
 
     @staticmethod
     def prefixes(
-        order: Sequence[int], scans: Mapping[int, _Scan], columns: Mapping[int, Sequence[_Column]]
+        order: Sequence[int],
+        scans: Mapping[int, _TopicScan],
+        columns: Mapping[int, Sequence[_TopicColumn]],
     ) -> dict[int, str]:
         """What precedes the labels of each topic: "" where no other topic has one of them."""
         owners: dict[str, set[int]] = {}
@@ -484,10 +536,10 @@ class _Reading:
 
     def table(
         self,
-        scan: _Scan,
+        scan: _TopicScan,
         where: Placed,
         start: int,
-        columns: Sequence[_Column],
+        columns: Sequence[_TopicColumn],
         prefix: str,
         clock: str,
     ) -> ImportTable:
@@ -516,7 +568,7 @@ class _Reading:
     def raw_events(
         self,
         numbers: Sequence[int],
-        scans: Mapping[int, _Scan],
+        scans: Mapping[int, _TopicScan],
         stamps: Mapping[int, NDArray[np.int64]],
     ) -> list[tuple[int, str, str]]:
         wanted = set(numbers)
@@ -551,15 +603,15 @@ class _Reading:
         return sorted(found, key=lambda event: event[0])
 
 
-class _Values:
+class _SecondPass:
     """The second pass."""
 
     def __init__(
         self,
         file: MessageFile,
         order: Sequence[int],
-        scans: Mapping[int, _Scan],
-        columns: Mapping[int, Sequence[_Column]],
+        scans: Mapping[int, _TopicScan],
+        columns: Mapping[int, Sequence[_TopicColumn]],
         selected: Sequence[Sequence[int]],
     ) -> None:
         self.file = file
@@ -599,9 +651,9 @@ class _Values:
             yield ImportBlock(place_, first, values)
 
 
-def _batches(messages: Iterator[Message]) -> Iterator[tuple[int, list[Message]]]:
+def _batches(messages: Iterator[TopicMessage]) -> Iterator[tuple[int, list[TopicMessage]]]:
     """The messages topic by topic, some at a time."""
-    waiting: dict[int, list[Message]] = {}
+    waiting: dict[int, list[TopicMessage]] = {}
     sizes: dict[int, int] = {}
     total = 0
     for message in messages:
@@ -626,39 +678,27 @@ def _matches(topic: Topic, pattern: str) -> bool:
     return any(fnmatchcase(name, pattern) for name in names)
 
 
-def _sequence(scan: _Scan) -> NDArray[Any] | None:
-    """Numbers that count the messages."""
-    numbers = np.array(scan.sequence, np.uint32)
-    if scan.counts:
-        numbers = np.concatenate(scan.counts).astype(np.uint32)
-        if numbers.size != len(scan.logs):
-            return None
-    steps = np.diff(numbers)
-    return numbers if steps.size and np.count_nonzero(steps) > 0.9 * steps.size else None
+def _is_sparse(where: Placed) -> bool:
+    """A few rows with wide gaps: their rate may be a coincidence."""
+    return len(where.ticks) < _FEW_ROWS and int(where.ticks[-1]) > 3 * len(where.ticks)
 
 
-def _label(scan: _Scan, path: str, place_: int | None) -> str:
+def _label(scan: _TopicScan, path: str, place_: int | None) -> str:
     """The fields' own names; joints and layouts give better ones."""
     topic = scan.topic
     short = topic.name.strip("/") or topic.name
     if plain(topic.kind) == JOINTS and place_ is not None:
         joint = scan.texts.get(f"name[{place_}]")
         return f"{joint}.{path}" if joint else f"{path}[{place_}]"
-    if path == "data" or path.startswith("layout."):
-        name = short if path == "data" else f"{short}.{path}"
+    if path == "data":
         layout = scan.texts.get("layout.dim[0].label")
-        if (
-            path == "data"
-            and place_ is not None
-            and layout
-            and "layout.dim[1].label" not in scan.texts
-        ):
-            name = layout
+        is_list = place_ is not None and "layout.dim[1].label" not in scan.texts
+        name = layout if layout and is_list else short
         return name if place_ is None else f"{name}[{place_}]"
     return path if place_ is None else f"{path}[{place_}]"
 
 
-def _texts(topic: Topic, part: Part) -> Iterator[str]:
+def _texts(topic: Topic, part: DecodedMessages) -> Iterator[str]:
     """The text of each message: of its field, or all that it holds as JSON."""
     wanted = TEXTS.get(plain(topic.kind))
     if wanted is not None and wanted in part.texts:
@@ -684,4 +724,11 @@ def _texts(topic: Topic, part: Part) -> Iterator[str]:
             yield json.dumps(held, ensure_ascii=False)
 
 
-__all__ = ["Decoder", "Message", "MessageFile", "Part", "Topic", "read_messages"]
+__all__ = [
+    "DecodedMessages",
+    "MessageDecoder",
+    "MessageFile",
+    "Topic",
+    "TopicMessage",
+    "read_messages",
+]

@@ -36,7 +36,7 @@ _PADDING = 3
 """Bytes that CDR may add at the end of a message."""
 
 
-class Number(NamedTuple):
+class RosNumber(NamedTuple):
     """A number in every message, or an array of ``length`` numbers.
 
     ``owners`` are the types and fields that lead to it, from the outside. ``is_time``: seconds and
@@ -50,19 +50,19 @@ class Number(NamedTuple):
     is_time: bool = False
 
 
-class Text(NamedTuple):
+class RosText(NamedTuple):
     offset: int
     size: int
 
 
 @dataclass
-class Part:
+class RosMessages:
     """Messages of one layout. ``rows``: which of those that were given, [n], in order."""
 
     rows: NDArray[np.intp]
     data: Bytes2D
-    numbers: dict[str, Number] = field(default_factory=dict)
-    texts: dict[str, Text] = field(default_factory=dict)
+    numbers: dict[str, RosNumber] = field(default_factory=dict)
+    texts: dict[str, RosText] = field(default_factory=dict)
 
     def values(self, path: str) -> NDArray[Any]:
         """[n], or [n, count] of an array."""
@@ -89,7 +89,7 @@ class Part:
         return bool((raw == raw[:1]).all())
 
 
-class Layout:
+class RosLayout:
     """Decodes messages of one type. ``is_cdr``: of ROS 2, else of ROS 1."""
 
     def __init__(self, types: Types, kind: str, *, is_cdr: bool) -> None:
@@ -97,7 +97,7 @@ class Layout:
         self.kind = kind
         self.is_cdr = is_cdr
 
-    def parts(self, messages: Sequence[bytes]) -> Iterator[Part]:
+    def parts(self, messages: Sequence[bytes]) -> Iterator[RosMessages]:
         """The messages in groups of one layout. ParameterError where they do not fit the type."""
         sizes = np.fromiter(map(len, messages), np.int64, len(messages))
         for size in np.unique(sizes).tolist():
@@ -106,7 +106,7 @@ class Layout:
             waiting = [(rows, np.frombuffer(joined, np.uint8).reshape(len(rows), size))]
             while waiting:
                 rows, data = waiting.pop()
-                walk = _Walk(self, data)
+                walk = _LayoutWalk(self, data)
                 try:
                     walk.message()
                 except _LengthsDifferError as found:
@@ -114,7 +114,7 @@ class Layout:
                         same = found.values == value
                         waiting.append((rows[same], data[same]))
                     continue
-                yield Part(rows, data, walk.numbers, walk.texts)
+                yield RosMessages(rows, data, walk.numbers, walk.texts)
 
 
 class _LengthsDifferError(Exception):
@@ -125,18 +125,18 @@ class _LengthsDifferError(Exception):
         self.values = values
 
 
-class _Walk:
+class _LayoutWalk:
     """Goes through the fields of messages of one size."""
 
-    def __init__(self, layout: Layout, data: Bytes2D) -> None:
+    def __init__(self, layout: RosLayout, data: Bytes2D) -> None:
         self.layout = layout
         self.data = data
         self.size = data.shape[1]
         self.base = 0
         self.order = "<"
         self.at = 0
-        self.numbers: dict[str, Number] = {}
-        self.texts: dict[str, Text] = {}
+        self.numbers: dict[str, RosNumber] = {}
+        self.texts: dict[str, RosText] = {}
         self.field_count = 0
 
     def message(self) -> None:
@@ -188,13 +188,15 @@ class _Walk:
     def base_field(self, name: str, path: str, owners: tuple[tuple[str, str], ...]) -> None:
         if name == "string":
             size = self.length(4)
-            self.texts[path] = Text(self.at, size)
+            self.texts[path] = RosText(self.at, size)
             self._taken(size)
+        elif owners[-1][1] == _EMPTY and not self.layout.is_cdr:
+            return
         elif name in _NUMBERS:
-            dtype = np.dtype(self.order + _NUMBERS[name])
+            dtype = self.dtype(name)
             self.align(dtype.itemsize)
             if owners[-1][1] != _EMPTY:
-                self.numbers[path] = Number(self.at, dtype, None, owners)
+                self.numbers[path] = RosNumber(self.at, dtype, None, owners)
             self._taken(dtype.itemsize)
         else:
             raise ParameterError(f"fields of type {name} are not known")
@@ -205,7 +207,7 @@ class _Walk:
         # Seconds and nanoseconds; those of ROS 2 are a signed and an unsigned integer, and below
         # 10^9 the latter has the same bits.
         dtype = np.dtype(self.order + ("u4" if unsigned else "i4"))
-        self.numbers[path] = Number(self.at, dtype, None, owners, is_time=True)
+        self.numbers[path] = RosNumber(self.at, dtype, None, owners, is_time=True)
         self._taken(8)
 
     def array(
@@ -217,16 +219,21 @@ class _Walk:
         depth: int,
     ) -> None:
         if int(member[0].value) == _BASE and member[1][0] in _NUMBERS:
-            dtype = np.dtype(self.order + _NUMBERS[member[1][0]])
+            dtype = self.dtype(member[1][0])
             if count:
                 self.align(dtype.itemsize)
-            self.numbers[path] = Number(self.at, dtype, count, owners)
+            self.numbers[path] = RosNumber(self.at, dtype, count, owners)
             self._taken(count * dtype.itemsize)
             return
         if count > _MAX_FIELDS:
             raise LimitError(f"messages of type {self.layout.kind} have too many fields")
         for place in range(count):
             self.field(member, f"{path}[{place}]", owners, depth + 1)
+
+    def dtype(self, name: str) -> np.dtype[Any]:
+        """A byte is signed in ROS 1."""
+        signed = name == "byte" and not self.layout.is_cdr
+        return np.dtype(self.order + ("i1" if signed else _NUMBERS[name]))
 
     def length(self, size: int) -> int:
         self.align(size)

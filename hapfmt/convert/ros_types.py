@@ -7,18 +7,18 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 
-class Meaning(NamedTuple):
+class NumberMeaning(NamedTuple):
     quantity: str
     unit: str
 
 
-FORCE, TORQUE = Meaning("force", "N"), Meaning("torque", "N.m")
-POSITION, ANGLE = Meaning("position", "m"), Meaning("position", "rad")
-VELOCITY, TURNING = Meaning("velocity", "m/s"), Meaning("velocity", "rad/s")
-ACCELERATION = Meaning("acceleration", "m/s2")
-TURNING_FASTER = Meaning("acceleration", "rad/s2")
-ORIENTATION = Meaning("orientation", "1")
-DISTANCE = Meaning("position", "m")
+FORCE, TORQUE = NumberMeaning("force", "N"), NumberMeaning("torque", "N.m")
+POSITION, ANGLE = NumberMeaning("position", "m"), NumberMeaning("position", "rad")
+VELOCITY, TURNING = NumberMeaning("velocity", "m/s"), NumberMeaning("velocity", "rad/s")
+ACCELERATION = NumberMeaning("acceleration", "m/s2")
+TURNING_FASTER = NumberMeaning("acceleration", "rad/s2")
+ORIENTATION = NumberMeaning("orientation", "1")
+DISTANCE = NumberMeaning("position", "m")
 
 MEANINGS = {
     "geometry_msgs/Wrench.force": FORCE,
@@ -34,27 +34,27 @@ MEANINGS = {
     "geometry_msgs/Pose2D.x": POSITION,
     "geometry_msgs/Pose2D.y": POSITION,
     "geometry_msgs/Pose2D.theta": ANGLE,
-    "geometry_msgs/Inertia.m": Meaning("mass", "kg"),
+    "geometry_msgs/Inertia.m": NumberMeaning("mass", "kg"),
     "sensor_msgs/Imu.angular_velocity": TURNING,
     "sensor_msgs/Imu.linear_acceleration": ACCELERATION,
     "sensor_msgs/JointState.position": ANGLE,
     "sensor_msgs/JointState.velocity": TURNING,
     "sensor_msgs/JointState.effort": TORQUE,
-    "sensor_msgs/FluidPressure.fluid_pressure": Meaning("pressure", "Pa"),
-    "sensor_msgs/Temperature.temperature": Meaning("temperature", "Cel"),
-    "sensor_msgs/RelativeHumidity.relative_humidity": Meaning("humidity", "1"),
-    "sensor_msgs/Illuminance.illuminance": Meaning("illuminance", "lx"),
-    "sensor_msgs/MagneticField.magnetic_field": Meaning("magnetic field", "T"),
+    "sensor_msgs/FluidPressure.fluid_pressure": NumberMeaning("pressure", "Pa"),
+    "sensor_msgs/Temperature.temperature": NumberMeaning("temperature", "Cel"),
+    "sensor_msgs/RelativeHumidity.relative_humidity": NumberMeaning("humidity", "1"),
+    "sensor_msgs/Illuminance.illuminance": NumberMeaning("illuminance", "lx"),
+    "sensor_msgs/MagneticField.magnetic_field": NumberMeaning("magnetic field", "T"),
     "sensor_msgs/Range.range": DISTANCE,
     "sensor_msgs/Range.min_range": DISTANCE,
     "sensor_msgs/Range.max_range": DISTANCE,
     "sensor_msgs/Range.field_of_view": ANGLE,
     "sensor_msgs/LaserScan.ranges": DISTANCE,
-    "sensor_msgs/BatteryState.voltage": Meaning("voltage", "V"),
-    "sensor_msgs/BatteryState.current": Meaning("current", "A"),
-    "sensor_msgs/BatteryState.temperature": Meaning("temperature", "Cel"),
-    "builtin_interfaces/Time": Meaning("", "ns"),
-    "builtin_interfaces/Duration": Meaning("", "ns"),
+    "sensor_msgs/BatteryState.voltage": NumberMeaning("voltage", "V"),
+    "sensor_msgs/BatteryState.current": NumberMeaning("current", "A"),
+    "sensor_msgs/BatteryState.temperature": NumberMeaning("temperature", "Cel"),
+    "builtin_interfaces/Time": NumberMeaning("", "ns"),
+    "builtin_interfaces/Duration": NumberMeaning("", "ns"),
 }
 """By a type, or by a field of one; the names of types are those of ROS 1."""
 
@@ -112,9 +112,9 @@ def plain(kind: str) -> str:
     return re.sub(r"^foxglove(?:_msgs/|\.)", "foxglove.", short)
 
 
-def meaning(owners: Sequence[tuple[str, str]]) -> tuple[Meaning, str]:
+def meaning(owners: Sequence[tuple[str, str]]) -> tuple[NumberMeaning, str]:
     """The meaning and the axis of a number, by the types and fields that lead to it."""
-    found, axis = Meaning("", "1"), ""
+    found, axis = NumberMeaning("", "1"), ""
     if owners and plain(owners[-1][0]) in _AXES:
         axis = owners[-1][1]
     for kind, name in reversed(owners):

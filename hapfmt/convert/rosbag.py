@@ -8,35 +8,28 @@ from __future__ import annotations
 
 import bz2
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from ..errors import LimitError, MissingExtraError, ParameterError
 from .common import refusing
 from .formats import Advance, ReadOptions, Source
-from .messages import Message, Topic, read_messages
-from .ros_layout import Layout, Types
+from .messages import Topic, TopicMessage, read_messages
+from .ros_definitions import default_types, parsed
+from .ros_layout import RosLayout
 from .tables import Import
 
 try:
     from rosbags import rosbag1, rosbag2
     from rosbags.interfaces import Connection, MessageDefinitionFormat
     from rosbags.rosbag2 import ReaderError as Reader2Error
-    from rosbags.typesys import (
-        Stores,
-        TypesysError,
-        get_types_from_idl,
-        get_types_from_msg,
-        get_typestore,
-    )
+    from rosbags.typesys import TypesysError
 except ImportError:
     raise MissingExtraError("rosbags", "ros") from None
 
 _CHUNK_LIMIT = 1 << 28
 """Bytes of an unpacked chunk; recorders write chunks of about 1 MB."""
-_DEFINITION_LIMIT = 1 << 20
-"""Characters of a message definition."""
 _SHOWN = 1 << 12
 """Messages between two calls of the progress."""
 
@@ -48,7 +41,7 @@ def read(source: Source, options: ReadOptions) -> Import:
     if source.head.startswith(b"#ROSBAG"):
         return _read_bag(rosbag1.Reader(path), options, _bounded_chunks)
     if not path.suffix.lower() == ".db3":
-        raise ParameterError("this is no ROS bag; give a .bag, a .db3, or a folder of a ROS 2 bag")
+        raise ParameterError("this is not a ROS bag; give a .bag, a .db3, or a folder of a ROS 2 bag")
     return _read_bag(rosbag2.Reader(path), options, _nothing)
 
 
@@ -124,11 +117,11 @@ def _refused() -> Iterator[None]:
 
 
 def _read_bag(reader: Any, options: ReadOptions, prepare: Callable[[Any, int], None]) -> Import:
-    file = _Bag(reader, options, prepare)
+    file = _BagFile(reader, options, prepare)
     return read_messages(file, options, notes=file.notes)
 
 
-class _Bag:
+class _BagFile:
     """Opened for each pass, so that nothing stays open."""
 
     def __init__(
@@ -140,6 +133,7 @@ class _Bag:
         self.notes: list[str] = []
         self.topics: list[Topic] = []
         self.ids: dict[int, int] = {}
+        self.counts_all = False
         self.count = 0
         with self.opened():
             self.count = sum(one.msgcount for one in reader.connections)
@@ -186,9 +180,9 @@ class _Bag:
                 types = parsed(definition.data, kind, "msg")
         except ParameterError as error:
             return Topic(one.topic, kind, None, str(error), publisher)
-        return Topic(one.topic, kind, Layout(types, kind, is_cdr=not is_ros1), "", publisher)
+        return Topic(one.topic, kind, RosLayout(types, kind, is_cdr=not is_ros1), "", publisher)
 
-    def messages(self, wanted: set[int]) -> Iterator[Message]:
+    def messages(self, wanted: set[int]) -> Iterator[TopicMessage]:
         advance: Advance | None = self.options.progress
         with self.opened():
             chosen = [one for one in self.reader.connections if self.ids[one.id] in wanted]
@@ -204,29 +198,7 @@ class _Bag:
                 connection, log_ns, data = found
                 if not isinstance(data, bytes):
                     raise ParameterError("the bag is damaged: a message is not bytes")
-                yield Message(self.ids[connection.id], log_ns, 0, data)
+                yield TopicMessage(self.ids[connection.id], log_ns, 0, data)
                 done += 1
                 if advance and done % _SHOWN == 0:
                     advance(done, self.count)
-
-
-def default_types(kind: str) -> Types:
-    """For files without definitions."""
-    types: Types = get_typestore(Stores.ROS2_HUMBLE).fielddefs
-    if kind not in types:
-        raise ParameterError("the file does not define its type; record it as MCAP")
-    return types
-
-
-def parsed(text: str, kind: str, language: str) -> Types:
-    """The types of a definition, msg or idl."""
-    if len(text) > _DEFINITION_LIMIT:
-        raise ParameterError("the definition of its type is too long")
-    with refusing("the definition of its type", TypesysError, AssertionError, RuntimeError):
-        if language == "idl":
-            types: Mapping[str, Any] = get_types_from_idl(text)
-        else:
-            types = get_types_from_msg(text, kind)
-    if kind not in types:
-        raise ParameterError("the file does not define its type")
-    return types
