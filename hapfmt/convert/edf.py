@@ -527,8 +527,9 @@ class WrittenSignal:
         ticks = np.arange(first, first + count)
         span = np.maximum(np.searchsorted(starts, ticks, "right") - 1, 0)
         places = before[span] + np.clip(ticks, starts[span], stops[span] - 1) - starts[span]
-        used = self.counts(int(places[0]), int(places[-1]) + 1)
-        return used[places - places[0]]
+        first_place = int(places[0])
+        used = self.counts(first_place, int(places[-1]) + 1)
+        return np.take(used, places - first_place)
 
 
 def write(recording: Recording, target: Destination, options: WriteOptions) -> list[str]:
