@@ -354,5 +354,31 @@ WAV = Format(
     writes=True,
     magic=((0, b"RIFF"), (0, b"RF64"), (0, b"RIFX")),
 )
-OURS = (NPZ, NPY, CSV, WAV)
+PARQUET = Format(
+    name="parquet",
+    title="Parquet",
+    suffixes=(".parquet", ".pq"),
+    module="hapfmt.convert.parquet",
+    writes=True,
+    magic=((0, b"PAR1"),),
+    options=frozenset({"select", "clock", "keep_stamps"}),
+)
+FEATHER = Format(
+    name="feather",
+    title="Feather",
+    suffixes=(".feather", ".arrow"),
+    module="hapfmt.convert.feather",
+    writes=True,
+    magic=((0, b"ARROW1"), (0, b"FEA1")),
+    options=frozenset({"select", "clock", "keep_stamps"}),
+)
+LEROBOT = Format(
+    name="lerobot",
+    title="LeRobot",
+    module="hapfmt.convert.lerobot",
+    writes=True,
+    folder="meta/info.json",
+    options=frozenset({"select", "episode", "fps"}),
+)
+OURS = (NPZ, NPY, CSV, WAV, PARQUET, FEATHER, LEROBOT)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
