@@ -52,11 +52,19 @@ _JITTERS = 0.25
 """Ticks: up to here the nearest tick of a row is not in doubt."""
 _NOMINAL = Fraction(200, 1_000_000)
 """Share by which a device's clock may differ from its nominal rate."""
+_GIVEN = 500e-6
+"""The same for a rate that the caller gives."""
 _UNSETTLED = 0.3
 """Ticks: where the median row lies further from its tick, the rows have no common rate."""
 _DISAGREEING = 1e-3
 """Share by which the period of all rows may differ from that of short pieces. More shows that rows
 were lost in such numbers that their ticks were not counted rightly."""
+_UNCOUNTED = 0.2
+"""Ticks: the same for rows that may come late, from the least delay of the rows that follow."""
+_BURST_ROWS, _NUMBERED_BURST_ROWS = 24, 512
+"""Rows that may come together, twice those of a usual burst; and where their numbers are known."""
+_WANDERING = 0.25
+"""Ticks by which a clock may leave a straight line before its course is followed."""
 _FIRST_ROWS, _PIECES = 256, 9
 """Rows of a short piece, and as many pieces from which the first period is taken."""
 _SOURCES = 4
@@ -67,6 +75,23 @@ _PIECE = 1 << 16
 """Rows whose medians are taken at once, so that memory stays bounded."""
 STEADY = 1e-6
 """Share of a tick that is not worth a note: sums of a rounded period drift as much."""
+
+
+class CountedRows(NamedTuple):
+    """Row i is at ``ticks[i]`` (whole float64, increasing from 0), at about ``offset_s + ticks[i] *
+    period_s`` seconds after the first time.
+
+    ``rate`` is the round one: 1 / period_s, or what a device may name whose clock runs like that.
+    ``tolerance_s``: how exactly the position is known; None where the rate was given.
+    """
+
+    ticks: NDArray[np.float64]
+    rate: Fraction
+    offset_s: float
+    period_s: float
+    tolerance_s: float | None
+    is_exact: bool
+    notes: tuple[str, ...]
 
 
 class TickGrid(NamedTuple):
@@ -121,6 +146,21 @@ class TimeStamps:
         # Kept in addition to the times, since a double of 50 000 000.001 s is 7 ns coarse.
         self._steps = array("d")
         self._finest = _LARGEST
+        self._from_floats = True
+
+    @classmethod
+    def of_ns(cls, stamps: NDArray[np.int64]) -> TimeStamps:
+        """Integer nanoseconds, at least one, in any order. Zeros at their ends tell the
+        resolution of the clock."""
+        relative = stamps - stamps[0]
+        zeros = next(digits for digits in (6, 3, 0) if not (relative % 10**digits).any())
+        made = cls(-9)
+        made._first, made._last = Decimal(int(stamps[0])), Decimal(int(stamps[-1]))
+        made._relative = array("d", (relative / 1e9).tobytes())
+        made._steps = array("d", (np.diff(stamps) / 1e9).tobytes())
+        made._finest = zeros
+        made._from_floats = False
+        return made
 
     def __len__(self) -> int:
         return len(self._relative)
@@ -163,6 +203,8 @@ class TimeStamps:
 
         The shortest text that identifies a float64 may be coarser than the float64 itself.
         """
+        if not self._from_floats:
+            return 4 * ulp(float(self.span))
         largest = ulp(float(max(abs(self.first), abs(self.first + self.span))))
         return 4 * ulp(float(self.span)) + (largest if self.resolution < 10 * largest else 0)
 
@@ -176,13 +218,40 @@ class TimeStamps:
 
         Raises ParameterError, with the worst deviation, where the stamps are not regular.
         """
+        found = self.find(rate)
+        notes = found.notes
+        offset = self.first + Fraction(found.offset_s)
+        start = round(offset * found.rate)
+        if start < 0 <= self.first:
+            start = 0
+        if found.tolerance_s is not None:
+            shift = abs(float(offset - start / found.rate))
+            if shift > max(2 * found.tolerance_s, STEADY / float(found.rate)):
+                notes += (f"the times lie {shift:.3g} s beside the ticks of {found.rate} Hz",)
+        return self._started(found, start, notes)
+
+    def find(
+        self,
+        rate: Fraction | None = None,
+        *,
+        numbers: NDArray[np.float64] | None = None,
+        nominal: bool = False,
+    ) -> CountedRows:
+        """The ticks of the rows.
+
+        ``numbers`` increase and count the rows with those that were lost before they were stamped.
+        ``nominal``: round the rate of times that jitter within 200 ppm, where observations of the
+        clock keep the measured one.
+        """
         times = np.frombuffer(self._relative) if self._relative else np.empty(0)
         if rate is not None:
-            return self._on_given(times, rate)
+            return self._on_given(times, rate, numbers)
         if len(self) < 2:
             raise ParameterError("fewer than two times give no rate; give one (rate=)")
+        if self.span <= 0:
+            raise ParameterError("the last time is not after the first; give a rate (rate=)")
         exact, rounded = self.noise, self.noise + self.resolution / 2
-        whole, *gappy = _hypotheses(times, np.frombuffer(self._steps))
+        whole, *gappy = _hypotheses(times, np.frombuffer(self._steps), numbers)
         likely = [line for line in gappy if self._is_likely(line)]
         full = [line for line in gappy if line.is_mostly_full]
         for line, tolerance in (
@@ -193,53 +262,61 @@ class TimeStamps:
             *((line, exact) for line in full),
             *((line, rounded) for line in full),
         ):
-            found = line.rate_within(self.span, tolerance)
-            if found is not None:
-                return self._placed(line, checked_rate(found), tolerance, ())
-        return self._nearest([whole, *full])
+            round_rate = line.rate_within(self.span, tolerance)
+            if round_rate is not None:
+                return self._on_line(line, checked_rate(round_rate), tolerance, is_exact=True)
+        return self._nearest([whole, *full], numbers, nominal)
 
     def _is_likely(self, line: _Line) -> bool:
         """Whether rows are missing indeed, rather than seem so because stamps are rounded."""
         return self.resolution <= _FINE * line.period or line.missing <= _FEW_GAPS
 
-    def _nearest(self, lines: list[_Line]) -> TickGrid:
+    def _nearest(
+        self, lines: list[_Line], numbers: NDArray[np.float64] | None, nominal: bool
+    ) -> CountedRows:
         """The grid of stamps that jitter."""
         line = min(lines, key=lambda line: line.spread)
         if line.spread > line.period / 2:
-            found = settle(lines[0].times)
-            if found is not None and found.is_regular:
-                rate = _roundest_near(1 / Fraction(found.period_s))
-                return self._on_counted(found, checked_rate(rate))
-            if found is not None and found.sources > 1:
-                raise ParameterError(
-                    f"the times are not regular: the rows seem to come from {found.sources} "
-                    "sources in turn; store each as a file of its own, or give a rate (rate=)"
-                )
+            counted = settle(lines[0].times, numbers)
+            if counted is not None and (
+                counted.is_regular or (numbers is not None and counted.is_numbered)
+            ):
+                rate = _roundest_near(1 / Fraction(counted.period_s))
+                return self._on_counted(counted, checked_rate(rate))
+            if counted is not None and counted.sources > 1:
+                raise _several(counted.sources)
             raise ParameterError(
                 f"the times are not regular: they deviate by up to {line.spread:.3g} s from a "
                 f"grid of {1 / line.period:.6g} Hz; give a rate (rate=) to move each row to the "
                 "nearest tick"
             )
+        if nominal and numbers is None and self.resolution <= _FINE * line.period:
+            sources = count_sources(lines[0].times, line.period)
+            if sources > 1:
+                raise _several(sources)
         # Two standard errors of the slope, were the deviations independent and uniform.
         slack = Fraction(4 * line.spread / len(self) ** 0.5)
-        rate = checked_rate(_roundest(Fraction(line.period) * line.last, slack, line.last))
+        span = Fraction(line.period) * line.last
+        if nominal:
+            slack = max(slack, span * _NOMINAL)
+        rate = checked_rate(_roundest(span, slack, line.last))
+        deviation = max(line.spread, _half_range(line.residual(rate)))
+        return self._on_line(line, rate, deviation, is_exact=False)
+
+    def _on_line(
+        self, line: _Line, rate: Fraction, tolerance: float, *, is_exact: bool
+    ) -> CountedRows:
+        period = float(1 / rate) if is_exact else line.period
+        residual = line.residual(rate) if is_exact else line.times - line.ticks * period
+        offset = float(residual.max() + residual.min()) / 2
         notes: tuple[str, ...] = ()
-        if line.spread > STEADY * line.period:
-            notes = (deviation_note(line.spread, rate),)
-        return self._placed(line, rate, line.spread, notes)
+        if not is_exact and tolerance > STEADY * line.period:
+            notes = (deviation_note(tolerance, rate),)
+        return CountedRows(line.ticks, rate, offset, period, tolerance, is_exact, notes)
 
-    def _placed(
-        self, line: _Line, rate: Fraction, tolerance: float, notes: tuple[str, ...]
-    ) -> TickGrid:
-        residual = line.residual(rate)
-        offset = self.first + Fraction(float(residual.max() + residual.min()) / 2)
-        start = round(offset * rate)
-        shift = abs(float(offset - start / rate))
-        if shift > max(2 * tolerance, STEADY / float(rate)):
-            notes += (f"the times lie {shift:.3g} s beside the ticks of {rate} Hz",)
-        return self._started(line, rate, start, notes)
-
-    def _on_given(self, times: NDArray[np.float64], rate: Fraction) -> TickGrid:
+    def _on_given(
+        self, times: NDArray[np.float64], rate: Fraction, numbers: NDArray[np.float64] | None
+    ) -> CountedRows:
         """Every row at the tick nearest to its time, later where rows before it need the room.
 
         Times that only jitter leave no tick out. ParameterError where rows come much faster than
@@ -247,14 +324,10 @@ class TimeStamps:
         """
         wanted = times * float(rate)
         ticks, notes = np.rint(wanted), list[str]()
-        if float(np.abs(wanted - ticks).max(initial=0)) > _JITTERS:
-            found = settle(times)
-            if (
-                found is not None
-                and found.is_regular
-                and abs(found.period_s * float(rate) - 1) <= _NOMINAL
-            ):
-                return self._on_counted(found, rate)
+        if float(np.abs(wanted - ticks).max(initial=0)) > _JITTERS or (np.diff(ticks) < 1).any():
+            counted = settle(times, numbers)
+            if counted is not None and counted.fits(rate):
+                return self._on_counted(counted, rate)
         if (np.diff(ticks) < 1).any():
             order = np.arange(len(times), dtype=np.float64)
             ticks = order + np.maximum.accumulate(ticks - order)
@@ -275,26 +348,28 @@ class TimeStamps:
             )
         if ticks.max(initial=0) >= TICK_LIMIT:
             raise ParameterError(f"the times are longer than 2^48 ticks of {float(rate):.6g} Hz")
-        line = _Line(ticks, times)
-        largest = float(np.abs(line.residual(rate)).max(initial=0))
+        residual = _Line(ticks, times).residual(rate)
+        largest = float(np.abs(residual).max(initial=0))
         if largest > max(self.noise + self.resolution / 2, STEADY / float(rate)):
             notes.append(deviation_note(largest, rate))
-        return self._started(line, rate, round(self.first * rate), tuple(notes))
+        return CountedRows(ticks, rate, 0.0, float(1 / rate), None, False, tuple(notes))
 
-    def _on_counted(self, found: Settled, rate: Fraction) -> TickGrid:
+    def _on_counted(self, counted: Settled, rate: Fraction) -> CountedRows:
         """Rows at the ticks that were counted, from the first row on."""
-        line = _Line(found.ticks, np.frombuffer(self._relative))
+        line = _Line(counted.ticks, np.frombuffer(self._relative))
         largest = float(np.abs(line.residual(rate)).max())
-        start = round((self.first + Fraction(found.offset_s)) * rate)
-        return self._started(line, rate, max(start, 0), (deviation_note(largest, rate),))
+        notes = (deviation_note(largest, rate),)
+        offset, period = counted.offset_s, counted.period_s
+        return CountedRows(counted.ticks, rate, offset, period, None, False, notes)
 
     @property
     def _usual_rate(self) -> float:
-        return 1 / float(np.median(np.frombuffer(self._steps)))
+        return 1 / max(float(np.median(np.frombuffer(self._steps))), 1e-9)
 
-    def _started(self, line: _Line, rate: Fraction, start: int, notes: tuple[str, ...]) -> TickGrid:
-        epoch_ns = None
-        if not (0 <= start < _CLOCK * rate and start < TICK_LIMIT - line.last):
+    def _started(self, found: CountedRows, start: int, notes: tuple[str, ...]) -> TickGrid:
+        ticks, rate, epoch_ns = found.ticks.astype(np.int64), found.rate, None
+        last = int(ticks[-1]) if ticks.size else 0
+        if not (0 <= start < _CLOCK * rate and start < TICK_LIMIT - last):
             seconds = start / rate
             start = 0
             if _CLOCK <= seconds < _CLOCK_END:
@@ -302,7 +377,7 @@ class TimeStamps:
                 notes += (f"the first time, {utc(epoch_ns)}, became the epoch of the recording",)
             else:
                 notes += (f"the times begin at {float(self.first)} s, which became tick 0",)
-        return TickGrid(rate, line.ticks.astype(np.int64) + start, notes, epoch_ns)
+        return TickGrid(rate, ticks + start, notes, epoch_ns)
 
 
 _ISO = re.compile(
@@ -405,9 +480,14 @@ class _Line:
         return None
 
 
-def _hypotheses(times: NDArray[np.float64], steps: NDArray[np.float64]) -> Iterator[_Line]:
-    """No row missing; then rows missing from the grid of the short steps, of the median step."""
-    yield _Line(np.arange(len(times), dtype=np.float64), times)
+def _hypotheses(
+    times: NDArray[np.float64], steps: NDArray[np.float64], numbers: NDArray[np.float64] | None
+) -> Iterator[_Line]:
+    """No row missing but by the numbers; then rows missing from the grid of the short steps, of the
+    median step."""
+    yield _Line(np.arange(len(times), dtype=np.float64) if numbers is None else numbers, times)
+    if steps.min() <= 0:
+        return
     for period in (steps[steps < 1.5 * steps.min()].mean(), np.median(steps)):
         counts = np.ones(len(steps))
         guess = float(period)
@@ -422,19 +502,27 @@ def _hypotheses(times: NDArray[np.float64], steps: NDArray[np.float64]) -> Itera
             yield _Line(ticks, times)
 
 
+def _several(sources: int) -> ParameterError:
+    return ParameterError(
+        f"the times are not regular: the rows seem to come from {sources} sources in turn; store "
+        "each as a file of its own, or give a rate (rate=)"
+    )
+
+
 class Settled(NamedTuple):
     """Rows whose times jitter: row i is at ``ticks[i]`` (whole float64), at about ``offset_s +
     ticks[i] * period_s`` seconds.
 
-    ``residual``: ticks from there to the median row. ``disagreement``: share by which the period
-    differs from that of short pieces. ``sources``: how many devices sent the rows in turn, each
-    with a clock of its own.
+    ``residual``: ticks from there to the median row. ``least_residual``: the same without the delay
+    of rows that came late. ``disagreement``: share by which the period differs from that of short
+    pieces. ``sources``: how many devices sent the rows in turn, each with a clock of its own.
     """
 
     ticks: NDArray[np.float64]
     period_s: float
     offset_s: float
     residual: float
+    least_residual: float
     disagreement: float
     sources: int
 
@@ -444,8 +532,20 @@ class Settled(NamedTuple):
             self.residual <= _UNSETTLED and self.disagreement <= _DISAGREEING and self.sources == 1
         )
 
+    @property
+    def is_numbered(self) -> bool:
+        """Whether rows with numbers are regular, but for rows that come late."""
+        return self.least_residual <= _UNCOUNTED and self.disagreement <= _DISAGREEING
 
-def settle(times: NDArray[np.float64]) -> Settled | None:
+    def fits(self, rate: Fraction) -> bool:
+        """Whether the rows have a given rate, but for the drift of a clock."""
+        drift = abs(self.period_s * float(rate) - 1)
+        return drift <= _GIVEN and self.least_residual <= _UNCOUNTED
+
+
+def settle(
+    times: NDArray[np.float64], numbers: NDArray[np.float64] | None = None
+) -> Settled | None:
     """Counts the ticks of rows whose times, in s, jitter; None for fewer than 64 rows.
 
     The phase of a row is its time in periods, less its number. It rises for good where rows are
@@ -454,44 +554,93 @@ def settle(times: NDArray[np.float64]) -> Settled | None:
     15 removes what is left. The phase is then rounded, and never falls.
 
     The period is the median slope, over 256 rows first, then over twice as many until all rows are
-    in. tests/test_timestamps.py has the limits.
+    in. Where the clock wanders from that line, the rows are counted a second time from its mean
+    course. tests/test_timestamps.py has the limits.
+
+    ``numbers`` increase, and count the rows together with those that were lost. The phase then
+    rises only where they did not count, so rows may come in longer bursts.
     """
     count = len(times)
     if count < _SETTLED_ROWS:
         return None
+    numbered = numbers is not None
+    ahead = _NUMBERED_BURST_ROWS if numbered else _BURST_ROWS
+    numbers = np.arange(count, dtype=np.float64) if numbers is None else numbers
+
+    def refined(rows: slice, period: float) -> float:
+        for _ in range(2):
+            ticks = _counted(times[rows] / period - numbers[rows], ahead)[0] + numbers[rows]
+            period = _median_slope(ticks, times[rows])
+        return period
+
     lag = min(_SETTLED_ROWS, count // 4)
-    guess = float(np.median((times[lag:] - times[:-lag]) / lag))
+    guess = float(np.median((times[lag:] - times[:-lag]) / (numbers[lag:] - numbers[:-lag])))
+    if guess <= 0:
+        return None
     pieces = [
-        _refined(times[start : start + _FIRST_ROWS], guess)
+        refined(slice(start, start + _FIRST_ROWS), guess)
         for start in range(0, count, max(_FIRST_ROWS, -(-count // _PIECES)))
         if start == 0 or start + _FIRST_ROWS <= count
     ]
-    period = nearby = float(np.median(pieces))
-    stop = min(_FIRST_ROWS, count)
-    while stop < count:
-        period = _refined(times[:stop], period)
-        stop = min(2 * stop, count)
-    period = _refined(times, period)
-    ticks, offset = _counted(times, period)
+    nearby = float(np.median(pieces))
+    period = _median_slope(numbers, times)
+    counts_all = numbered and period > 0 and not _counted(times / period - numbers, ahead)[0].any()
+    if not counts_all:
+        period, stop = nearby, min(_FIRST_ROWS, count)
+        while stop < count:
+            period = refined(slice(stop), period)
+            stop = min(2 * stop, count)
+    period = refined(slice(count), period)
+    if period <= 0:
+        return None
+    phase = times / period - numbers
+    steps, left = _counted(phase, ahead)
+    wander = _wander(left)
+    first = count
+    if float(np.ptp(wander)) > _WANDERING:
+        phase -= wander
+        steps, left = _counted(phase, ahead)
+        first = _FIRST_ROWS
+    ticks = numbers + steps
     if ticks[-1] >= TICK_LIMIT:
         return None
-    residual = float(np.median(np.abs((times - offset) / period - ticks)))
+    late = phase - steps
+    residual = float(np.median(np.abs(late - np.median(late))))
+    if first < count:
+        period = _median_slope(ticks, times)
+    offset = float(np.median((times - ticks * period)[:first]))
     return Settled(
-        ticks, period, offset, residual, abs(period / nearby - 1), _sources(times, period)
+        ticks,
+        period,
+        offset,
+        residual,
+        float(np.median(np.abs(left))),
+        # In long bursts, the last rows of either half place the line.
+        2 * residual / count if counts_all and residual > _UNSETTLED else abs(period / nearby - 1),
+        count_sources(times, period),
     )
 
 
-def _refined(times: NDArray[np.float64], period: float) -> float:
-    for _ in range(2):
-        period = _median_slope(_counted(times, period)[0], times)
-    return period
+def _wander(left: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Ticks by which the clock is off its mean rate at each row, by medians of 256 rows.
+
+    Whole ticks between two of these are rows that were lost, or counted too often.
+    """
+    pieces = len(left) // _FIRST_ROWS
+    if pieces < 2:
+        return np.zeros(len(left))
+    medians = np.median(left[: pieces * _FIRST_ROWS].reshape(pieces, -1), axis=1)
+    middles = (np.arange(pieces) + 0.5) * _FIRST_ROWS
+    return np.interp(np.arange(len(left)), middles, np.unwrap(medians, period=1))
 
 
-def _sources(times: NDArray[np.float64], period: float) -> int:
+def count_sources(times: NDArray[np.float64], period: float) -> int:
     """How many sources take turns: steps over as many rows vary less than single steps do.
 
     Delays that are independent of each other vary steps of any length alike.
     """
+    if len(times) < _SETTLED_ROWS:
+        return 1
     single = _variation(times, 1)
     if single < 0.05 * period:
         return 1
@@ -505,14 +654,17 @@ def _variation(times: NDArray[np.float64], rows: int) -> float:
     return float(np.median(np.abs(steps - np.median(steps))))
 
 
-def _counted(times: NDArray[np.float64], period: float) -> tuple[NDArray[np.float64], float]:
-    """The tick of each row, from 0, and the time of tick 0."""
-    rows = np.arange(len(times), dtype=np.float64)
-    phase = _median_of(_least_of_next(_median_of(times / period - rows, 5), 24), 15)
+def _counted(
+    phase: NDArray[np.float64], ahead: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Ticks that were lost before each row, and what is left of the phases without late rows."""
+    phase = _least_of_next(_median_of(phase, 5), ahead)
+    if ahead > _BURST_ROWS:
+        phase[-_BURST_ROWS:] = phase[-_BURST_ROWS]  # too few rows follow
+    phase = _median_of(phase, 15)
     phase -= np.median(phase - np.rint(phase))
     late = np.maximum.accumulate(np.rint(phase))
-    ticks = rows + (late - late[0])
-    return ticks, float(np.median(times - ticks * period))
+    return late - late[0], phase - late
 
 
 def _median_of(x: NDArray[np.float64], width: int) -> NDArray[np.float64]:
@@ -527,9 +679,11 @@ def _median_of(x: NDArray[np.float64], width: int) -> NDArray[np.float64]:
 
 
 def _least_of_next(x: NDArray[np.float64], width: int) -> NDArray[np.float64]:
-    out = x.copy()
-    for ahead in range(1, min(width, len(x))):
-        np.minimum(out[:-ahead], x[ahead:], out=out[:-ahead])
+    out, covered, width = x.copy(), 1, min(width, len(x))
+    while covered < width:
+        ahead = min(covered, width - covered)
+        out[:-ahead] = np.minimum(out[:-ahead], out[ahead:])
+        covered += ahead
     return out
 
 
@@ -590,10 +744,14 @@ def _simplest(low: Fraction, high: Fraction) -> Fraction:
         low, high = 1 / (high - whole), 1 / (low - whole)
 
 
+def in_words(seconds: float) -> str:
+    return f"{seconds:.3g} s" if seconds >= 1 else f"{1000 * seconds:.3g} ms"
+
+
 def deviation_note(largest: float, rate: Fraction, key: str = "") -> str:
     """How far the times of the samples, in s, lie from the regular ones that replace them."""
-    size = f"{largest:.3g} s" if largest >= 1 else f"{1000 * largest:.3g} ms"
     return (
-        f"the sample times{key} differ from a regular {float(rate):.6g} Hz by up to {size}; only "
-        "the regular times are stored. To keep the others, store them as a channel of their own"
+        f"the sample times{key} differ from a regular {float(rate):.6g} Hz by up to "
+        f"{in_words(largest)}; only the regular times are stored. To keep the others, store them "
+        "as a channel of their own"
     )

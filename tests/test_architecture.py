@@ -20,7 +20,7 @@ MODULES = {
 }
 LAYERS = (
     "kernels",
-    """deadband descriptions errors files limits numbers recording threads times units
+    """clocks deadband descriptions errors files limits numbers recording threads times units
     version""",
     "format",
     "codecs",

@@ -60,6 +60,7 @@ def test_mutated(made, data):
         parse_events(bytes(packet), start, span, 0)
 
 
+@pytest.mark.deep
 def test_as_many_as_there_may_be():
     data = f.event(0) * 65536
     tracemalloc.start()

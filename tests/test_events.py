@@ -238,6 +238,7 @@ class TestWriting:
         data = written(self.recording(*events))
         assert [event.text for event in hapfmt.read(data).events] == [e.text for e in events]
 
+    @pytest.mark.deep
     def test_many(self):
         """More than a packet or a cluster of level 1 holds."""
         events = [Event(0, "x" * 60000)] * 30 + [Event(1, "y")] * 70000

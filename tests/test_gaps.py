@@ -9,6 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from depth import deep
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rendering import joined, profile_of
@@ -133,7 +134,7 @@ class TestEncoder:
     def test_each_side_is_coded_by_itself(self, way, gap):
         check_encoder(way, gap)
 
-    @pytest.mark.parametrize("way", SPLITS, ids=str)
+    @pytest.mark.parametrize("way", [SPLITS[0], *deep(SPLITS[1:])], ids=str)
     def test_a_low_pass_across_the_gap_is_found(self, way):
         with low_pass_across_gaps(), pytest.raises(AssertionError):
             check_encoder(way, 7)

@@ -182,6 +182,7 @@ class TestNpz:
             done = run("encode", path, "p.hapf", "--no-transpose", *more, "-f", cwd=tmp_path)
             assert len(hapfmt.read(tmp_path / "p.hapf")) == 200
 
+    @pytest.mark.deep
     def test_the_original_of_a_file_lies_on_its_side_too(self, tmp_path):
         tall = np.arange(600.0).reshape(200, 3)
         (tmp_path / "tall.npz").write_bytes(npz(x=tall, fs=10))

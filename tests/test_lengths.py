@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import hapfmt
 from hapfmt.codecs.predicted import INDEX_LIMIT
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.predict import CUT_PIECE, best_cuts, fitting_packets
+from hapfmt.encoder.predict import SHORTEST_CUT, best_cuts, fitting_packets
 from hapfmt.recording import Channel, Recording, Span
 
 
@@ -23,53 +23,56 @@ def coloured(frequency, size, seed):
 
 
 def test_packets_end_where_another_predictor_does_better():
-    x = np.concatenate([coloured(0.5, 5 * CUT_PIECE, 1), coloured(2.5, 11 * CUT_PIECE, 2)])
-    assert best_cuts(x) == [0, 5 * CUT_PIECE]
+    x = np.concatenate([coloured(0.5, 5 * SHORTEST_CUT, 1), coloured(2.5, 11 * SHORTEST_CUT, 2)])
+    assert best_cuts(x) == [0, 5 * SHORTEST_CUT]
     recording = Recording((Channel(x.astype(np.int32), 8000),))
     # A small file is cut further, unless its clusters are given.
     packets = encode(recording, hapfmt.Settings(cluster=10)).packets
-    assert [packet.span for packet in packets] == [5 * CUT_PIECE, 11 * CUT_PIECE]
+    assert [packet.span for packet in packets] == [5 * SHORTEST_CUT, 11 * SHORTEST_CUT]
 
 
-@pytest.mark.parametrize("size", [100, CUT_PIECE, 2 * CUT_PIECE + 1, 16 * CUT_PIECE])
+@pytest.mark.parametrize("size", [100, SHORTEST_CUT, 2 * SHORTEST_CUT + 1, 16 * SHORTEST_CUT])
 def test_a_steady_signal_stays_whole(size):
     assert best_cuts(coloured(0.5, size, 3)) == [0]
     assert best_cuts(np.full(size, 7)) == [0]
 
 
 def test_doubles_are_cut_as_well():
-    x = np.concatenate([coloured(0.5, 5 * CUT_PIECE, 1), coloured(2.5, 5 * CUT_PIECE, 2)]) * 0.1
+    x = (
+        np.concatenate([coloured(0.5, 5 * SHORTEST_CUT, 1), coloured(2.5, 5 * SHORTEST_CUT, 2)])
+        * 0.1
+    )
     encoded = encode(Recording((Channel(x + 1e-14 * np.sin(x), 8000, calibration=None),)))
     assert encoded.tracks[0].codec == "LPCX"
-    assert [packet.span for packet in encoded.packets] == [5 * CUT_PIECE, 5 * CUT_PIECE]
+    assert [packet.span for packet in encoded.packets] == [5 * SHORTEST_CUT, 5 * SHORTEST_CUT]
 
 
 def test_pieces_that_are_larger_together_are_not_kept():
-    x = np.concatenate([coloured(0.5, 2 * CUT_PIECE, 1), coloured(2.5, 2 * CUT_PIECE, 2)])
+    x = np.concatenate([coloured(0.5, 2 * SHORTEST_CUT, 1), coloured(2.5, 2 * SHORTEST_CUT, 2)])
     span = Span(100, 100 + x.size)
 
     def code(size):
         return lambda part: bytes(size(part.stop - part.start))
 
     assert [s for s, _ in fitting_packets(span, x, code(lambda n: n))] == [span]
-    middle = span.start + 2 * CUT_PIECE
+    middle = span.start + 2 * SHORTEST_CUT
     halves = [Span(span.start, middle), Span(middle, span.stop)]
-    assert [s for s, _ in fitting_packets(span, x, code(lambda n: n * n // CUT_PIECE))] == halves
+    assert [s for s, _ in fitting_packets(span, x, code(lambda n: n * n // SHORTEST_CUT))] == halves
 
 
 @settings(max_examples=20, deadline=None)
 @given(
     st.lists(st.sampled_from([0, 1, -3, INDEX_LIMIT, -INDEX_LIMIT]), min_size=2, max_size=5),
-    st.integers(2 * CUT_PIECE, 6 * CUT_PIECE),
+    st.integers(2 * SHORTEST_CUT, 6 * SHORTEST_CUT),
 )
 def test_any_counts_can_be_cut(values, size):
     starts = best_cuts(np.resize(np.repeat(values, 700), size))
     assert starts[0] == 0
-    assert all(b - a >= CUT_PIECE for a, b in zip(starts, [*starts[1:], size], strict=True))
+    assert all(b - a >= SHORTEST_CUT for a, b in zip(starts, [*starts[1:], size], strict=True))
 
 
 def test_a_file_with_packets_of_many_lengths_is_read_back():
-    a = np.concatenate([coloured(0.5, 5 * CUT_PIECE, 1), coloured(2.5, 11 * CUT_PIECE, 2)])
+    a = np.concatenate([coloured(0.5, 5 * SHORTEST_CUT, 1), coloured(2.5, 11 * SHORTEST_CUT, 2)])
     given_ = Recording((Channel(a.astype(np.int32), 1000), Channel(a[::-4].astype(np.int16), 250)))
     import io
 

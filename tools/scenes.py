@@ -239,7 +239,7 @@ def default_of(rule: dict[str, Any], inner: dict[str, Any]) -> str:
 
 @click.command(help=__doc__)
 @click.option("--seconds", default=10.0, help="Length of each scene.")
-@click.option("--repeats", default=3, help="Times are the best of so many.")
+@click.option("--repeats", default=3, help="Each time is the best of this many runs.")
 @click.option("--keys", is_flag=True, help="Print the tables of docs/scenes.md.")
 @click.option("--child", "asked", hidden=True)
 def main(seconds: float, repeats: int, keys: bool, asked: str | None) -> None:

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
@@ -18,6 +19,7 @@ from ..errors import HapfmtError, ParameterError
 from ..files import atomic_folder, atomic_write
 from .formats import (
     HAPF,
+    OURS,
     Advance,
     Destination,
     Format,
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
     from ..limits import Limits
     from ..reading.reader import Band
     from ..recording import Rate, Recording, Seconds, Units
-    from .tables import Import
+    from .tables import Import, ImportBlock
 
 
 MAX_MEMORY = 1 << 30
@@ -168,19 +170,74 @@ def imported(
         if chosen is None:
             raise ParameterError("this is a .hapf file: hapfmt info shows what it holds")
         options = _options(chosen, given, limits, progress)
-        found = _code(chosen, "read").read(source, options)
-        if not isinstance(found, Import):
-            found = import_of(_selected(chosen, found, options))
-        yield chosen, found
+        found = _found(chosen, source, options)
+        yield chosen, found if isinstance(found, Import) else import_of(found)
 
 
 def _recording(chosen: Format, source: Source, options: ReadOptions) -> Recording:
     from .tables import Import
 
-    found = _code(chosen, "read").read(source, options)
+    found = _found(chosen, source, options)
     if isinstance(found, Import):
         return found.recording(options.max_memory, options.progress)
-    return _selected(chosen, cast("Recording", found), options)
+    return found
+
+
+def _found(chosen: Format, source: Source, options: ReadOptions) -> Recording | Import:
+    """What the format's reader says of the file."""
+    from ..recording import Recording
+    from .tables import Import
+
+    with _plug_in(chosen):
+        found = _code(chosen, "read").read(source, options)
+        if isinstance(found, Import):
+            return found if chosen in OURS else replace(found, blocks=_guarded(chosen, found))
+        if not isinstance(found, Recording):
+            raise TypeError(f"read returned {type(found).__name__}, not a Recording or an Import")
+    return _selected(chosen, found, options)
+
+
+def _guarded(chosen: Format, found: Import) -> Callable[[], Iterator[ImportBlock]]:
+    """The blocks of a plug-in, checked against its tables."""
+
+    def blocks() -> Iterator[ImportBlock]:
+        from .tables import ImportBlock
+
+        with _plug_in(chosen):
+            for number, first, values in found.blocks():
+                table = found.tables[number]
+                rows = {len(each) for each in values}
+                if len(values) != len(table.columns) or len(rows) > 1:
+                    raise ValueError(f"a block of table {table.name!r} does not fit its columns")
+                if first + max(rows, default=0) > table.row_count:
+                    raise ValueError(f"table {table.name!r} has more than {table.row_count} rows")
+                dtypes = [column.dtype for column in table.columns]
+                yield ImportBlock(number, first, list(map(_as_stated, values, dtypes)))
+
+    return blocks
+
+
+def _as_stated(values: Any, dtype: Any) -> Any:
+    if values.dtype != dtype:
+        raise TypeError(f"a block holds {values.dtype}, its column says {dtype}")
+    return values
+
+
+@contextmanager
+def _plug_in(chosen: Format) -> Iterator[None]:
+    """What fails in a plug-in is one of our errors."""
+    if chosen in OURS:
+        yield
+        return
+    try:
+        yield
+    except (HapfmtError, OSError):
+        raise
+    except Exception as error:
+        reason = str(error).partition("\n")[0]
+        raise ParameterError(
+            f"the plug-in for {chosen.title} files failed: {type(error).__name__}: {reason}"
+        ) from error
 
 
 def _selected(chosen: Format, recording: Recording, options: ReadOptions) -> Recording:
@@ -320,17 +377,18 @@ def save(
 
             known["fps"] = rate_from(known["fps"])
         options = WriteOptions(**known, max_memory=max_memory, progress=progress)
-        write = _code(chosen, "write").write
-        if chosen.folder:
-            if path is None:
-                raise ParameterError(f"{chosen.title} is a folder, and needs a path")
-            with atomic_folder(path, force=force) as folder:
-                notes = write(recording, Destination(path=folder), options)
-        elif path is None:
-            notes = write(recording, Destination(cast(BinaryIO, target)), options)
-        else:
-            with atomic_write(path, force=force) as stream:
-                notes = write(recording, Destination(stream), options)
+        with _plug_in(chosen):
+            write = _code(chosen, "write").write
+            if chosen.folder:
+                if path is None:
+                    raise ParameterError(f"{chosen.title} is a folder, and needs a path")
+                with atomic_folder(path, force=force) as folder:
+                    notes = write(recording, Destination(path=folder), options)
+            elif path is None:
+                notes = write(recording, Destination(cast(BinaryIO, target)), options)
+            else:
+                with atomic_write(path, force=force) as stream:
+                    notes = write(recording, Destination(stream), options)
     nans = [
         c.label or str(i)
         for i, c in enumerate(recording.channels)

@@ -14,20 +14,21 @@ has one function, or both:
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import tempfile
 import warnings
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cache, cached_property
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
-from ..errors import DataWarning, LimitError, ParameterError
+from ..errors import DataWarning, LimitError, ParameterError, unknown
 from ..files import Closing
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 GROUP = "hapfmt.formats"
 HAPF = ".hapf"
+RESERVED = ("hapf",)
 SNIFFED = 512
 """Bytes from the start of a file that its format is recognised by."""
 TEXT_SUFFIXES = ("", ".txt", ".tsv", ".dat", ".asc")
@@ -77,6 +79,25 @@ class Format:
     magic: tuple[tuple[int, bytes], ...] = ()
     folder: str = ""
     options: frozenset[str] = field(default_factory=frozenset)
+
+    def __post_init__(self) -> None:
+        texts = (self.name, self.title, self.module)
+        if not all(isinstance(text, str) and text for text in texts) or self.name in RESERVED:
+            raise ParameterError("a format has a name of its own, a title and a module")
+        if isinstance(self.suffixes, str) or not all(
+            re.fullmatch(r"(\.[^\s./\\A-Z]+)+", suffix) for suffix in self.suffixes
+        ):
+            raise ParameterError('suffixes are a tuple such as (".lab",), in lower case')
+        if HAPF in self.suffixes:
+            raise ParameterError(f"the suffix {HAPF} belongs to hapfmt")
+        for at, start in self.magic:
+            if not (isinstance(start, bytes) and start and 0 <= at <= SNIFFED - len(start)):
+                raise ParameterError(
+                    f"magic is ((offset, bytes), ...) within the first {SNIFFED} bytes"
+                )
+        known = {each.name for kind in (ReadOptions, WriteOptions) for each in fields(kind)}
+        if odd := [name for name in self.options if name not in known]:
+            raise ParameterError(unknown("option", odd[0], sorted(known)))
 
     @property
     def code(self) -> Any:
@@ -251,7 +272,7 @@ class Destination:
 
 @cache
 def formats() -> dict[str, Format]:
-    """The installed formats by name, ours first."""
+    """The installed formats by name, ours first. What cannot be used is left out with a warning."""
     points = sorted(entry_points(group=GROUP), key=lambda p: not p.value.startswith("hapfmt."))
     found: dict[str, Format] = {}
     for point in points:
@@ -259,12 +280,29 @@ def formats() -> dict[str, Format]:
             one = point.load()
             if not isinstance(one, Format):
                 raise TypeError(f"{point.value} is not a hapfmt.convert.formats.Format")
-        except Exception as error:
-            warnings.warn(f"the format {point.name!r} cannot be used: {error}", DataWarning, 2)
+        except (Exception, SystemExit) as error:
+            _warn(point, f"cannot be used: {str(error) or type(error).__name__}")
             continue
-        found.setdefault(one.name, one)
+        if one.name in found:
+            if one != found[one.name]:
+                _warn(point, f"is not used: another format is called {one.name!r} too")
+            continue
+        if one not in OURS and not one.magic:
+            for other in found.values():
+                if both := set(one.suffixes).intersection(other.suffixes):
+                    _warn(
+                        point,
+                        f"is used only with --input-format or --output-format {one.name}: "
+                        f"{' '.join(sorted(both))} is {other.title}",
+                    )
+        found[one.name] = one
     order = {one.name: place for place, one in enumerate(OURS)}
     return dict(sorted(found.items(), key=lambda item: order.get(item[0], len(order))))
+
+
+def _warn(point: EntryPoint, what: str) -> None:
+    by = f" of {point.dist.name}" if point.dist else ""
+    warnings.warn(f"the format {point.name!r}{by} {what}", DataWarning, stacklevel=3)
 
 
 def read_suffixes() -> list[str]:

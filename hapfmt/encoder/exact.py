@@ -348,7 +348,7 @@ HOPED = 8
 LOOKED_AT, SETTLING = 400, 4
 """Samples in which relations are searched, and those at their start that serve as lags."""
 
-LINEAR_PROBED = 40
+PROBED_SAMPLES = 40
 """Samples that rule most channels out as sources."""
 
 NEAR = 2.0**-36
@@ -429,7 +429,7 @@ def within_reach(y: Doubles, sources: Sequence[Doubles], limit: float) -> list[b
     """For each source: False if a few samples already show an error above the limit."""
     if not sources:
         return []
-    few = slice(0, LINEAR_PROBED + SETTLING)
+    few = slice(0, PROBED_SAMPLES + SETTLING)
     rows = np.stack([rows_of(FORMS[-1], y[few], x[few], SETTLING) for x in sources])
     scales = np.abs(rows).max(axis=2, keepdims=True)
     scales[scales == 0] = 1
@@ -438,7 +438,7 @@ def within_reach(y: Doubles, sources: Sequence[Doubles], limit: float) -> list[b
     wanted = y[few][SETTLING:] / scale
     shares = np.einsum("smt,m->st", basis, wanted)
     left = wanted - np.einsum("smt,st->sm", basis, shares)
-    within: list[bool] = (np.abs(left).max(axis=1) < limit / scale * LINEAR_PROBED**0.5).tolist()
+    within: list[bool] = (np.abs(left).max(axis=1) < limit / scale * PROBED_SAMPLES**0.5).tolist()
     return within
 
 

@@ -28,7 +28,7 @@ from ..reading.verifier import nearest_counts
 from ..recording import Calibration, Channel, Deviation
 from .plan import without_glitches
 from .rational import (
-    Placed,
+    CalibratedCounts,
     Ratio,
     Steps,
     constant,
@@ -355,7 +355,7 @@ def on_uniform_grid(
     if found is None:
         return None
     calibration, counts, largest, how = found
-    placed = Placed(calibration, counts, how)
+    placed = CalibratedCounts(calibration, counts, how)
     lattice = _lattice(x, u, placed, f"rounded by {largest:.3g} at most to {how}")
     deviation = Deviation(error, largest)
     changed = replace(
@@ -453,13 +453,13 @@ def _within(
         return None
     calibration, counts, largest, how = found
     reason = f"each value is rounded by at most {largest:.3g}, to {how}"
-    return _lattice(x, u, Placed(calibration, counts, how), reason, deviation=largest)
+    return _lattice(x, u, CalibratedCounts(calibration, counts, how), reason, deviation=largest)
 
 
 def _lattice(
     x: NDArray[np.float64],
     u: NDArray[np.float64],
-    placed: Placed,
+    placed: CalibratedCounts,
     reason: str,
     *,
     exact: bool = False,

@@ -325,8 +325,8 @@ def bound_for(channel: Channel, promise: Promise, settings: Settings) -> Bound |
     return None if settings.preset == "near-lossless" and not bound.slack else bound
 
 
-LEVEL_BITS = LEVELS[1].count_bits
-LOW, HIGH = -(1 << (LEVEL_BITS - 1)), (1 << (LEVEL_BITS - 1)) - 1
+LEVEL_1_BITS = LEVELS[1].count_bits
+LOW, HIGH = -(1 << (LEVEL_1_BITS - 1)), (1 << (LEVEL_1_BITS - 1)) - 1
 
 HEADROOM, AT_REST = 32, Fraction(2)
 """How many times the range of the first block the counts hold; and the range of a block of
@@ -373,7 +373,7 @@ class LiveLattice:
         affine = Affine(self.calibration.a, self.calibration.b, self.calibration.d)
         counts = nearest = np.clip(self.nearest(x), self.low, self.high)
         places = ordered(x)
-        for bit in range(LEVEL_BITS):
+        for bit in range(LEVEL_1_BITS):
             doubles = self.parameters.values(counts, affine)
             with np.errstate(over="ignore"):
                 corrections = places - ordered(doubles)
@@ -438,7 +438,7 @@ class ExactEncoder:
 
     def __init__(self, plan: Plan, number: int, lattice: LiveLattice) -> None:
         self.named, self.lattice = f"channel {number} ({plan.input.label!r})", lattice
-        self.pack = encode_quick if plan.settings.fast else partial(encode_best, thorough=False)
+        self.pack = encode_quick if plan.settings.fast else partial(encode_best, live=True)
         channel = replace(plan.channel, calibration=lattice.calibration)
         self.track = replace(plan, channel=channel).track(
             number,
@@ -696,7 +696,7 @@ class GridEncoder:
         self.track = plan.track(
             number, codec="LPCR", parameters=plan.grid.build(), contract=plan.contract
         )
-        self.pack = encode_quick if plan.settings.fast else partial(encode_best, thorough=False)
+        self.pack = encode_quick if plan.settings.fast else partial(encode_best, live=True)
 
     def take(self, values: NDArray[Any], start: int) -> NDArray[np.int64]:
         return self.plan.counts(values, self.number, start)

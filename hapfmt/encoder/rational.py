@@ -261,7 +261,7 @@ class Ratio(NamedTuple):
     lone_step: int = 1
 
 
-class Placed(NamedTuple):
+class CalibratedCounts(NamedTuple):
     """Values = calibration of counts; counts int64 [values], sorted; how: as in the Ratio."""
 
     calibration: Calibration
@@ -422,7 +422,7 @@ def on_grid(u: NDArray[np.float64], step: Fraction, how: str) -> Ratio | None:
     return Ratio(count * a, d, how, a)
 
 
-def place(ratio: Ratio, bits: int) -> Placed | None:
+def place(ratio: Ratio, bits: int) -> CalibratedCounts | None:
     """Numerators to counts of at most ``bits`` bits, signed and symmetrical; None where too many.
 
     A is the largest step of all numerators. B brings the counts to the bits of level 1: the
@@ -452,7 +452,7 @@ def place(ratio: Ratio, bits: int) -> Placed | None:
             fits = max(reach * (step // common), abs(b)) <= EXACT_LIMIT
             if reach <= limit and fits and abs(offset) < AFFINE_LIMIT:
                 calibration = Calibration(step // common, offset, d // common)
-                return Placed(calibration, (n - b) // step, how)
+                return CalibratedCounts(calibration, (n - b) // step, how)
     return None
 
 

@@ -12,14 +12,15 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
+from ..clocks import ClockMap, ClockObservation
 from ..errors import HARMLESS, FormatError, TruncatedError, UnsupportedError, verdict_of
 from ..format.cluster import Table, TableRow, parse_rows, parse_table_head
 from ..format.extras import (
     FIRST_OFFSET,
     NS_LIMIT,
     Attachment,
-    ClockMap,
-    ClockObservation,
+    ClockChunk,
+    ClockMapChunk,
     Foot,
     parse_attachment,
     parse_clock,
@@ -33,7 +34,7 @@ from ..format.walk import Chunk, Finding, header_at, read_chunk
 from ..format.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
 from ..limits import LEVELS, Level, Limits
 
-T = TypeVar("T")
+T = TypeVar("T", ClockChunk, ClockMapChunk)
 COMPONENT_SIZE = 1 << 10
 """Bytes of a description that count as a component."""
 
@@ -282,12 +283,30 @@ class Catalogue:
     @cached_property
     def clocks(self) -> list[ClockObservation]:
         """Observations of other clocks, in the order of the file."""
-        return [seen for found in self.parsed_clocks("cLOk", parse_clock) for seen in found]
+        return [
+            ClockObservation(found.clock, channel, *row)
+            for channel, found in self.clocks_of_channels("cLOk", parse_clock)
+            for row in found.rows
+        ]
 
     @cached_property
     def clock_maps(self) -> list[ClockMap]:
-        """The last one for each clock and track."""
-        return list({(m.clock, m.track): m for m in self.parsed_clocks("cMAp", parse_map)}.values())
+        """The last one for each clock and channel."""
+        maps = {
+            (found.clock, channel): ClockMap(found.clock, channel, found.points)
+            for channel, found in self.clocks_of_channels("cMAp", parse_map)
+        }
+        return list(maps.values())
+
+    def clocks_of_channels(
+        self, type_: str, parse: Callable[[bytes, int | None, int], T]
+    ) -> Iterator[tuple[int | None, T]]:
+        """Clock chunks and the first channel of their tracks; an HF track alone has none."""
+        known = {ref.number for ref in self.channels}
+        for found in self.parsed_clocks(type_, parse):
+            channel = None if found.track is None else self.tracks[found.track].first_channel
+            if channel is None or channel in known:
+                yield channel, found
 
     def parsed_clocks(
         self, type_: str, parse: Callable[[bytes, int | None, int], T]

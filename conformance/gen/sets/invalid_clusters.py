@@ -15,7 +15,7 @@ RIGHT = (("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, LATE)
 
 
 def clusters(*payloads: bytes, span: int = 4, tracks: int = 1) -> bytes:
-    """Clusters of so many tracks that last so long."""
+    """Clusters of ``tracks`` tracks that last ``span`` ticks."""
     described = ("TRAK", f.trak(track_count=tracks), {"track": 0})
     listed, at = list(RIGHT[:2]), TRACK_AT + f.HEADER + len(described[1])
     for payload in payloads:

@@ -250,7 +250,7 @@ def beside(rest: bytes, span: int = 1) -> bytes:
 
 
 def corrected(length: int) -> bytes:
-    """One correction of so many bits."""
+    """One correction of ``length`` bits."""
     return page_exact.build_exact([2 ** (length - 1)], [5], 0, None, (length, [1]))
 
 

@@ -22,7 +22,7 @@ def knots(packet: bytes) -> bytes:
 
 
 def labelled(raw: bytes) -> bytes:
-    """A label of so many bytes."""
+    """A label of these bytes."""
     return described(f.HOLD + f.tlv(2, bytes([len(raw)]) + raw))
 
 

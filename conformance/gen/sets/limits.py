@@ -219,7 +219,7 @@ def one_payload(size: int, level: int) -> Callable[[], bytes]:
 
 
 def unlisted(size: int) -> Callable[[], bytes]:
-    """Chunks of so many bytes before the index, those of the usual file among them."""
+    """Chunks of ``size`` bytes before the index, those of the usual file among them."""
     left = size - (END - 8)
     sizes = [2**20 + f.HEADER] * 3 + [left - 3 * (2**20 + f.HEADER)]
     contents = [f.strings("a", "") + bytes(n - f.HEADER - 3) for n in sizes]
@@ -227,7 +227,7 @@ def unlisted(size: int) -> Callable[[], bytes]:
 
 
 def rows(count: int, level: int) -> Callable[[], bytes]:
-    """A cluster of so many packets, a tick each."""
+    """A cluster of ``count`` packets of one tick."""
     return lambda: f.closed(
         ("HEAD", f.head(level=level)), TRACK,
         ("DATA", f.cluster(*[(0, i, 1, f.KNOT_DATA) for i in range(count)])),

@@ -31,7 +31,7 @@ def source(values: Sequence[Any], format: str = "counts", spans: Any = None, **t
 
 def constants(*counts: int, kn: int = 1, kd: int = 10, floor: int = 1, zero: int = 0,
               flags: int = 2, span: int = 4, **fields: Any) -> bytes:  # fmt: skip
-    """A track of so many constants, whose contract is guaranteed but where ``flags`` say else."""
+    """A track of ``count`` constants, whose contract is guaranteed but where ``flags`` say else."""
     entries = [(floor, zero)] * len(counts)
     tlvs = f.HOLD + f.tlv(16, f.deadband(kn, kd, flags, entries))
     packet = b"".join(map(f.svarint, counts))
