@@ -19,7 +19,7 @@ import json
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from itertools import accumulate
 from math import lcm, prod
@@ -28,6 +28,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..clocks import ClockMap, ClockObservation
 from ..errors import (
     HapfmtError,
     LimitError,
@@ -45,7 +46,6 @@ from ..recording import (
     Event,
     Recording,
     Span,
-    extent,
     index_of_channel,
     seconds_of,
     unique,
@@ -55,7 +55,7 @@ from ..units import split_name
 from .common import choose_rate, not_carried, one_rate, rate_from, refusing, unit_of
 from .formats import ReadOptions, WriteOptions
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
-from .timestamps import Placed, place, stamp_channel
+from .timestamps import Placed, observations, place, stamp_channel
 
 ROWS = 1 << 16
 """Most rows of a batch."""
@@ -73,6 +73,8 @@ _CLOCK_S = 100_000_000
 """Seconds: later times count from 1970."""
 _SINCE_1970 = {0: 1_000_000_000, -3: 10**12, -6: 10**15, -9: 10**18}
 """The least number that counts from 1970 in a unit, in the year 2001, by its power of ten."""
+_ROUNDING = 1e-6
+"""Ticks by which a time of ours may differ from its tick."""
 _RATE_KEYS = (
     "rate", "rate_hz", "sampling_rate", "sample_rate", "sampling_frequency", "samplerate", "fs",
     "sfreq", "fps",
@@ -109,7 +111,9 @@ class Container(Protocol):
     """A file of columns. ``batches`` reads columns by name; a batch holds at least these."""
 
     schema: Any
-    row_count: int
+
+    @property
+    def row_count(self) -> int: ...
 
     def batches(self, columns: Sequence[str], rows: int) -> Iterator[Any]: ...
 
@@ -218,10 +222,13 @@ def _plain_type(type_: Any) -> Any:
 
 
 def _numbers(array: Any) -> Values:
+    import pyarrow
+
     if not array.null_count:
         return Values(array.to_numpy(zero_copy_only=False), None)
     missing = np.asarray(array.is_null())
-    return Values(array.fill_null(0).to_numpy(zero_copy_only=False), missing)
+    zero = False if array.type == pyarrow.bool_() else 0
+    return Values(array.fill_null(zero).to_numpy(zero_copy_only=False), missing)
 
 
 def is_number(type_: Any) -> bool:
@@ -297,7 +304,9 @@ class Columns:
         name = ".".join((column, *fields))
         type_ = _plain_type(type_)
         if len(fields) + len(shape) > _DEPTH:
-            self.notes.append(f"column {name!r} is not read: its type has more than {_DEPTH} levels")
+            self.notes.append(
+                f"column {name!r} is not read: its type has more than {_DEPTH} levels"
+            )
         elif is_number(type_):
             self.leaves.append(Leaf(column, fields, shape, type_, metadata))
         elif pa.types.is_struct(type_) and not shape:
@@ -359,7 +368,7 @@ def chosen(columns: Columns, select: Sequence[str]) -> list[Leaf]:
     known = [*dict.fromkeys([*names, *(leaf.column for leaf in columns.leaves)])]
     wanted: set[str] = set()
     for each in select:
-        found = matching(each, known) or ([each] if each in known else [])
+        found = [each] if each in known else [known[i] for i in matching(each, known)]
         if not found:
             raise ParameterError(unknown("column", each, known))
         wanted.update(found)
@@ -384,9 +393,9 @@ def parts_of(
     found = []
     for number, leaf in enumerate(leaves):
         own = own_json(leaf.metadata.get("hapfmt"), f"the metadata of column {leaf.name!r}")
-        for place in range(leaf.count):
-            column = describe(leaf, place) if describe else described(leaf, place, notes)
-            found.append(_part(number, place, leaf, column, own, notes))
+        for cell in range(leaf.count):
+            column = describe(leaf, cell) if describe else described(leaf, cell, notes)
+            found.append(_part(number, cell, leaf, column, own, notes))
     return found
 
 
@@ -400,7 +409,8 @@ def described(leaf: Leaf, place: int, notes: list[str]) -> ImportColumn:
         label = ".".join([label, *map(str, np.unravel_index(place, leaf.shape))])
     code = unit_of(unit, label, notes)
     texts = {key: about[key] for key in _TEXT_KEYS if key in about}
-    return ImportColumn(label, code, source_unit=unit if unit not in ("", code) else "", **texts)
+    source = unit if unit not in ("", code) else ""
+    return replace(ImportColumn(label, code, source_unit=source), **texts)  # type: ignore[arg-type]
 
 
 def _part(
@@ -554,9 +564,9 @@ def _known(
     masks = {number: np.ones(container.row_count, bool) for number in doubtful}
     own = [*dict.fromkeys(parts[number].leaf for number in doubtful)]
     done = 0
-    for batch in read_batches(container, [leaves[place] for place in own]):
+    for batch in read_batches(container, [leaves[each] for each in own]):
         with arrow_errors("the table cannot be read"):
-            split = {place: leaves[place].split(batch) for place in own}
+            split = {each: leaves[each].split(batch) for each in own}
         for number in doubtful:
             missing = split[parts[number].leaf][parts[number].place].missing
             if missing is not None:
@@ -690,6 +700,8 @@ def stamps_of(
     exponent = TIME_UNITS.get(unit)
     if exponent is None and named is not None and named.unit is not None:
         exponent = named.exponent
+    if exponent is None and "_" in column:
+        exponent = TIME_UNITS.get(column.rpartition("_")[2])
     first = abs(float(x[0])) if x.size else 0.0
     if exponent is None:
         for power, least in _SINCE_1970.items():
@@ -712,9 +724,8 @@ def _whole_ns(x: NDArray[Any], exponent: int, column: str) -> NDArray[np.int64]:
         rough = x.astype(np.float64) * float(scale)
     if not (np.abs(rough) < 2.0**62).all():
         raise ParameterError(f"column {column!r} holds times that are not finite, or too large")
-    if x.dtype.kind == "f":
-        return np.rint(rough).astype(np.int64)
-    return x.astype(np.int64) * scale
+    whole = np.rint(rough).astype(np.int64) if x.dtype.kind == "f" else x.astype(np.int64) * scale
+    return np.asarray(whole)
 
 
 class Grid(NamedTuple):
@@ -740,12 +751,14 @@ def grid_of(stamps: Stamps, options: ReadOptions, found: Fraction | None) -> Gri
     return Grid(placed.rate, placed.ticks, start, None, placed)
 
 
-def own_grid(stamps: Stamps, seconds: NDArray[np.float64], rate: Fraction) -> Grid:
+def own_grid(seconds: NDArray[np.float64], rate: Fraction) -> Grid:
     """Rows of a file of ours: each time is the double nearest to that of a tick."""
     with np.errstate(all="ignore"):
-        ticks = np.rint(seconds * float(rate.numerator) / float(rate.denominator))
-    if not ((ticks >= 0) & (ticks < TICK_LIMIT)).all() or (np.diff(ticks) < 1).any():
-        raise ParameterError(f"column {stamps.column!r} holds times that are not ticks of {rate} Hz")
+        wanted = seconds * float(rate.numerator) / float(rate.denominator)
+        ticks = np.rint(wanted)
+        near = np.abs(wanted - ticks) <= np.maximum(_ROUNDING, ticks * 2.0**-51)
+    if not (near & (ticks >= 0) & (ticks < TICK_LIMIT)).all() or (np.diff(ticks) < 1).any():
+        raise ParameterError(f"the column 'time' holds times that are not ticks of {rate} Hz")
     whole = ticks.astype(np.int64)
     start = int(whole[0]) if whole.size else 0
     return Grid(rate, whole - start, start, None)
@@ -758,10 +771,12 @@ def text_events(
     container: Container,
     column: str,
     seconds: Callable[[int], Fraction],
+    tick: Fraction,
     notes: list[str],
     layer: str | None = None,
 ) -> list[Event]:
-    """An event for each run of one text; where they are too many, a note."""
+    """An event for each run of one text; where they are too many, a note. A row takes ``tick``
+    seconds."""
     runs: list[tuple[int, str | None]] = []
     rows = 0
     for batch in container.batches([column], 1 << 12):
@@ -769,12 +784,12 @@ def text_events(
             array = _storage(batch.column(batch.schema.get_field_index(column)))
             encoded = array.dictionary_encode()
             codes = np.asarray(encoded.indices.fill_null(-1))
-            edges = np.concatenate(([0], np.flatnonzero(np.diff(codes)) + 1)) if codes.size else []
-            for edge in edges:
+            edges = np.flatnonzero(np.diff(codes, prepend=-2))
+            for edge in edges.tolist():
                 code = int(codes[edge])
                 text = None if code < 0 else encoded.dictionary[code].as_py()
                 if not runs or runs[-1][1] != text:
-                    runs.append((rows + int(edge), text))
+                    runs.append((rows + edge, text))
                 if len(runs) > _EVENTS or (text is not None and len(text) > _TEXT_SIZE):
                     notes.append(
                         f"column {column!r} of texts is not read: it has more than {_EVENTS} "
@@ -784,7 +799,7 @@ def text_events(
         rows += batch.num_rows
     ends = [row for row, _ in runs[1:]] + [rows]
     return [
-        Event(seconds(row), text, seconds(end - 1) - seconds(row), layer=layer or column)
+        Event(seconds(row), text, seconds(end - 1) + tick - seconds(row), layer=layer or column)
         for (row, text), end in zip(runs, ends, strict=True)
         if text
     ]
@@ -801,12 +816,16 @@ def read_table(container: Container, options: ReadOptions, kind: str) -> Import:
     own = own_json(about.get("hapfmt"), "the metadata of the file")
     if own and own.get("version") != 1:
         raise ParameterError("the file was written by a later version of hapfmt")
-    column, others = time_column(columns, options.clock)
+    if own and options.clock not in (None, "time"):
+        raise ParameterError(unknown("column of times", options.clock, ["time"]))
+    column, others = ("time", []) if own else time_column(columns, options.clock)
     found = _rate_in(about, columns.leaves, own)
     stamps: Stamps | str | None = None
-    if column is not None:
+    if column is not None and not own:
         stamps = stamps_of(container, column, options, notes)
         if isinstance(stamps, str):
+            if options.clock is not None:
+                raise ParameterError(stamps)
             notes.append(f"{stamps}; it became a channel")
             column = None
     indexes = [name for name in _pandas_index(container.schema) if name != column]
@@ -827,19 +846,16 @@ def read_table(container: Container, options: ReadOptions, kind: str) -> Import:
         raise ParameterError("the file has no column of numbers")
     rate, ticks, start_tick, epoch_ns = Fraction(1), None, 0, None
     grid: Grid | None = None
-    if isinstance(stamps, Stamps) and stamps.ns.size:
-        if own:
-            if found is None:
-                raise ParameterError("the metadata of the file gives no rate")
-            grid = own_grid(stamps, seconds_in(container, stamps.column, options), found)
-            rate = choose_rate(options.rate, found, notes)
-            grid = grid._replace(rate=rate)
-        else:
-            grid = grid_of(stamps, options, found)
-            if grid is None:
-                return _as_events(container, parts, leaves, stamps, options, notes)
-            assert grid.placed is not None
-            notes += grid.placed.notes
+    if own and found is not None:
+        grid = own_grid(seconds_in(container, "time", options), found)
+        grid = grid._replace(rate=choose_rate(options.rate, found, notes))
+    elif isinstance(stamps, Stamps) and stamps.ns.size:
+        grid = grid_of(stamps, options, found)
+        if grid is None:
+            return _as_events(container, parts, leaves, stamps, notes)
+        assert grid.placed is not None
+        notes += grid.placed.notes
+    if grid is not None:
         rate, ticks, start_tick, epoch_ns, _ = grid
     else:
         try:
@@ -849,7 +865,7 @@ def read_table(container: Container, options: ReadOptions, kind: str) -> Import:
             raise ParameterError(f"{error}{reason}") from None
     kept = None
     if options.keep_stamps:
-        if not isinstance(stamps, Stamps) or grid is None or grid.placed is None:
+        if not isinstance(stamps, Stamps) or grid is None or grid.placed is None or own:
             raise ParameterError("the file has no column of times to keep")
         zero = grid.epoch_ns if grid.epoch_ns is not None else 0
         kept = stamp_channel(grid.placed, stamps.ns, zero, start_tick)
@@ -864,12 +880,38 @@ def read_table(container: Container, options: ReadOptions, kind: str) -> Import:
     events: list[Event] = []
     if not options.select:
         for name in columns.texts:
-            events += text_events(container, name, seconds, notes)
+            events += text_events(container, name, seconds, 1 / rate, notes)
+    clocks: list[ClockObservation] = []
     for name in others:
-        notes.append(f"the times in column {name!r} are not read; choose them with clock={name!r}")
-    made = Import(tables, blocks, epoch_ns, notes=tuple(dict.fromkeys(notes)), events=tuple(events))
+        clocks += _observed(container, name, grid, start_tick, options, notes)
+    made = Import(
+        tables, blocks, epoch_ns, notes=tuple(dict.fromkeys(notes)), events=tuple(events),
+        clocks=tuple(clocks),
+    )  # fmt: skip
     made = _with_pandas(made, container.schema, stamps if isinstance(stamps, Stamps) else None)
     return with_own(made, own)
+
+
+def _observed(
+    container: Container,
+    column: str,
+    grid: Grid | None,
+    start_tick: int,
+    options: ReadOptions,
+    notes: list[str],
+) -> list[ClockObservation]:
+    """What the clock of another column of times showed."""
+    if grid is not None and grid.placed is not None:
+        try:
+            seen = stamps_of(container, column, options, notes)
+        except ParameterError as error:
+            notes.append(f"the times in column {column!r} are not read: {error}")
+            return []
+        if isinstance(seen, Stamps):
+            found = observations(grid.placed, seen.ns, column, start_tick, 0)
+            return [ClockObservation(*each) for each in found]
+    notes.append(f"the times in column {column!r} are not read")
+    return []
 
 
 def _is_unnamed(name: str) -> bool:
@@ -879,6 +921,8 @@ def _is_unnamed(name: str) -> bool:
 def seconds_in(container: Container, column: str, options: ReadOptions) -> NDArray[np.float64]:
     """The times of our own file, as they are written."""
     memory_check(16 * container.row_count, "the times", options.max_memory)
+    if not any(field.name == column and is_number(field.type) for field in container.schema):
+        raise ParameterError(f"the file has no column {column!r} of numbers")
     arrays = [np.empty(0)]
     for batch in container.batches([column], ROWS):
         with arrow_errors("the times cannot be read"):
@@ -933,9 +977,7 @@ def _with_pandas(made: Import, schema: Any, stamps: Stamps | None) -> Import:
         code = unit_of(text, column.label, notes)
         return replace(column, unit=code, source_unit=text if text != code else "")
 
-    tables = tuple(
-        replace(table, columns=tuple(map(unit, table.columns))) for table in made.tables
-    )
+    tables = tuple(replace(table, columns=tuple(map(unit, table.columns))) for table in made.tables)
     return replace(made, tables=tables, notes=(*made.notes, *notes))
 
 
@@ -944,7 +986,6 @@ def _as_events(
     parts: Sequence[Part],
     leaves: Sequence[Leaf],
     stamps: Stamps,
-    options: ReadOptions,
     notes: list[str],
 ) -> Import:
     """Rows without a rate: one event each, with the values as JSON."""
@@ -997,13 +1038,15 @@ def own_members(recording: Recording) -> dict[str, Any]:
         "epoch_uncertainty_ns": recording.epoch_uncertainty_ns or None,
         "metadata": metadata or None,
         "events": events or None,
+        "clocks": [asdict(seen) for seen in recording.clocks] or None,
+        "clock_maps": [asdict(one) for one in recording.clock_maps] or None,
     }
     return {key: value for key, value in found.items() if value is not None}
 
 
 CARRIED = (
     "epoch_ns", "epoch_uncertainty_ns", "events", "calibration", "label", "unit", "quantity",
-    "axis", "group", "body_site", "device", "lsb",
+    "axis", "group", "body_site", "device", "lsb", "clocks", "clock_maps",
 )  # fmt: skip
 
 
@@ -1013,14 +1056,17 @@ def with_own(made: Import, own: Mapping[str, Any]) -> Import:
         return made
     with refusing("the metadata of the file", RecursionError, AttributeError):
         events = tuple(Event(**row) for row in own.get("events", []))
+        clocks = tuple(ClockObservation(**row) for row in own.get("clocks", []))
+        maps = tuple(ClockMap(**row) for row in own.get("clock_maps", []))
         metadata = dict(own.get("metadata", {}))
         uncertainty = int(own.get("epoch_uncertainty_ns", 0))
         epoch_ns = own.get("epoch_ns")
         if epoch_ns is not None:
             epoch_ns = int(epoch_ns)
     return replace(
-        made, epoch_ns=epoch_ns, epoch_uncertainty_ns=uncertainty, metadata=metadata, events=events
-    )
+        made, epoch_ns=epoch_ns, epoch_uncertainty_ns=uncertainty, metadata=metadata,
+        events=events, clocks=clocks, clock_maps=maps,
+    )  # fmt: skip
 
 
 # Writing
@@ -1039,13 +1085,13 @@ class Sparse:
         """[last - first] values, and True where one lacks."""
         out = np.zeros(last - first, self._values.dtype)
         missing = np.ones(last - first, bool)
-        for place in range(max(bisect_right(self._starts, first) - 1, 0), len(self._spans)):
-            span = self._spans[place]
+        for number in range(max(bisect_right(self._starts, first) - 1, 0), len(self._spans)):
+            span = self._spans[number]
             if span.start >= last:
                 break
             a, b = max(span.start, first), min(span.stop, last)
             if a < b:
-                at = self._places[place] + a - span.start
+                at = self._places[number] + a - span.start
                 out[a - first : b - first] = self._values[at : at + b - a]
                 missing[a - first : b - first] = False
         return out, missing
@@ -1107,9 +1153,7 @@ def tables_of(
         sources.append(Sparse(channel, values))
         with arrow_errors(f"the label {channel.label!r}"):
             fields.append(
-                pa.field(
-                    name, pa.from_numpy_dtype(values.dtype), metadata=_field_metadata(channel)
-                )
+                pa.field(name, pa.from_numpy_dtype(values.dtype), metadata=_field_metadata(channel))
             )
     own = {"version": 1, "rate": str(rate), **own_members(recording)}
     with refusing("the metadata of the recording"):
@@ -1150,6 +1194,3 @@ def _field_metadata(channel: Channel) -> dict[str, str]:
     if channel.lsb is not None:
         own["lsb"] = channel.lsb
     return {**about, "hapfmt": json.dumps(own)}
-
-
-__all__ = ["extent"]

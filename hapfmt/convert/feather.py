@@ -30,14 +30,15 @@ def read(source: Source, options: ReadOptions) -> Import:
 
 def write(recording: Any, target: Destination, options: WriteOptions) -> list[str]:
     """A column for each channel, behind their times in s; empty cells in gaps."""
-    pa = arrow()
+    arrow()
     from pyarrow import ipc
 
     schema, batches, notes = tables_of(recording, ".feather", options)
     with (
         arrow_errors("the table cannot be written"),
-        pa.PythonFile(target.stream, mode="w") as sink,
-        ipc.new_file(sink, schema, options=ipc.IpcWriteOptions(compression="zstd")) as writer,
+        ipc.new_file(
+            target.stream, schema, options=ipc.IpcWriteOptions(compression="zstd")
+        ) as writer,
     ):
         for batch in batches:
             writer.write_batch(batch)
@@ -51,7 +52,6 @@ class FeatherTable:
         self._path = path
         self._max_memory = max_memory
         self._start = _start_of(path)
-        self._nulls: dict[str, bool] = {}
         self.row_count = 0
         with arrow_errors("this is not an Arrow file"), self._open() as file:
             for kind, metadata, body in _messages(file):
@@ -87,7 +87,7 @@ class FeatherTable:
                     yield batch.slice(first, rows)
 
     def may_lack(self, column: str) -> bool:
-        return True
+        return bool(self.schema.field(column).nullable or self.schema.field(column).type.num_fields)
 
 
 def _start_of(path: Path) -> int:

@@ -410,13 +410,5 @@ FEATHER = Format(
     magic=((0, b"ARROW1"), (0, b"FEA1")),
     options=frozenset({"select", "clock", "keep_stamps"}),
 )
-LEROBOT = Format(
-    name="lerobot",
-    title="LeRobot",
-    module="hapfmt.convert.lerobot",
-    writes=True,
-    folder="meta/info.json",
-    options=frozenset({"select", "episode", "fps"}),
-)
-OURS = (NPZ, NPY, CSV, WAV, PARQUET, FEATHER, LEROBOT)
+OURS = (NPZ, NPY, CSV, WAV, PARQUET, FEATHER)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""

@@ -24,15 +24,14 @@ def read(source: Source, options: ReadOptions) -> Import:
 
 def write(recording: Any, target: Destination, options: WriteOptions) -> list[str]:
     """A column for each channel, behind their times in s; empty cells in gaps."""
-    pa = arrow()
+    arrow()
     from pyarrow import parquet
 
     schema, batches, notes = tables_of(recording, ".parquet", options)
     with (
         arrow_errors("the table cannot be written"),
-        pa.PythonFile(target.stream, mode="w") as sink,
         parquet.ParquetWriter(
-            sink, schema, compression="zstd", write_page_checksum=True
+            target.stream, schema, compression="zstd", write_page_checksum=True
         ) as writer,
     ):  # fmt: skip
         for batch in batches:
