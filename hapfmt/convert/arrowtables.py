@@ -122,7 +122,7 @@ class Container(Protocol):
         ...
 
 
-class Values(NamedTuple):
+class Cells(NamedTuple):
     """[rows] of one channel; ``missing`` is None where no value is."""
 
     values: NDArray[Any]
@@ -154,11 +154,11 @@ class Leaf:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of the numbers in the file."""
+        """The type of the numbers in the file."""
         found: np.dtype[Any] = np.dtype(self.type.to_pandas_dtype())
         return found
 
-    def split(self, batch: Any) -> list[Values]:
+    def split(self, batch: Any) -> list[Cells]:
         """The values of a batch, place by place."""
         import pyarrow as pa
 
@@ -192,11 +192,11 @@ class Leaf:
         for number in range(self.count):
             own, lacks = wide[:, number], lacking[:, number]
             if not lacks.any():
-                found.append(Values(own, None))
+                found.append(Cells(own, None))
             elif self.is_float:
-                found.append(Values(np.where(lacks, own.dtype.type(np.nan), own), lacks))
+                found.append(Cells(np.where(lacks, own.dtype.type(np.nan), own), lacks))
             else:
-                found.append(Values(own, lacks))
+                found.append(Cells(own, lacks))
         return found
 
 
@@ -221,14 +221,14 @@ def _plain_type(type_: Any) -> Any:
     return type_
 
 
-def _numbers(array: Any) -> Values:
+def _numbers(array: Any) -> Cells:
     import pyarrow
 
     if not array.null_count:
-        return Values(array.to_numpy(zero_copy_only=False), None)
+        return Cells(array.to_numpy(zero_copy_only=False), None)
     missing = np.asarray(array.is_null())
     zero = False if array.type == pyarrow.bool_() else 0
-    return Values(array.fill_null(zero).to_numpy(zero_copy_only=False), missing)
+    return Cells(array.fill_null(zero).to_numpy(zero_copy_only=False), missing)
 
 
 def is_number(type_: Any) -> bool:
@@ -485,7 +485,7 @@ def import_of_columns(
     """The tables of channels, and their values. ``ticks`` are those of the rows, less
     ``start_tick``. ``stamps``: a channel more, with the time stamps in ns from their ticks.
 
-    Values that lack among integers give tables of their own, since only floats can be NaN.
+    Cells that lack among integers give tables of their own, since only floats can be NaN.
     """
     rows = container.row_count
     known = _known(container, parts, leaves, options)
@@ -576,7 +576,7 @@ def _known(
 
 
 def _converted(
-    part: Part, leaf: Leaf, values: Values, wanted: NDArray[np.bool_] | None
+    part: Part, leaf: Leaf, values: Cells, wanted: NDArray[np.bool_] | None
 ) -> NDArray[Any]:
     x, missing = values
     if part.column.dtype.kind != "f":
@@ -1021,7 +1021,7 @@ def _as_events(
     )
 
 
-# What a recording has beside its samples
+# The other members of a recording
 
 
 def own_members(recording: Recording) -> dict[str, Any]:

@@ -121,7 +121,7 @@ def _messages(file: Any) -> Iterator[tuple[int, bytes, Any]]:
         if length > min(size - file.tell(), _SCHEMA_SIZE):
             raise ParameterError(f"a message of {length} bytes is longer than the file")
         metadata = file.read(length)
-        table = _Table.root(metadata)
+        table = _FlatTable.root(metadata)
         body_size = table.number(3, "q")
         if not 0 <= body_size <= size - file.tell():
             raise ParameterError(f"a message of {body_size} bytes is longer than the file")
@@ -132,7 +132,7 @@ def _messages(file: Any) -> Iterator[tuple[int, bytes, Any]]:
 
 def _size_of(metadata: bytes, body: Any, kind: int) -> tuple[int, int]:
     """Rows of a batch, and the bytes of its buffers once they are decompressed."""
-    batch = _Table.root(metadata).table(2)
+    batch = _FlatTable.root(metadata).table(2)
     if batch is not None and kind == _DICTIONARY_BATCH:
         batch = batch.table(1)
     if batch is None:
@@ -154,7 +154,7 @@ def _size_of(metadata: bytes, body: Any, kind: int) -> tuple[int, int]:
     return rows, total
 
 
-class _Table:
+class _FlatTable:
     """A table of a flatbuffer: numbers, tables and vectors by the number of their field."""
 
     def __init__(self, data: bytes, at: int) -> None:
@@ -163,7 +163,7 @@ class _Table:
         self._fields = at - self._unpack("i", at)
 
     @classmethod
-    def root(cls, data: bytes) -> _Table:
+    def root(cls, data: bytes) -> _FlatTable:
         if len(data) < 4:
             raise ParameterError("a message of the file is too short")
         return cls(data, int.from_bytes(data[:4], "little"))
@@ -185,9 +185,9 @@ class _Table:
         at = self._place(number)
         return 0 if at is None else self._unpack(code, at)
 
-    def table(self, number: int) -> _Table | None:
+    def table(self, number: int) -> _FlatTable | None:
         at = self._place(number)
-        return None if at is None else _Table(self._data, at + self._unpack("I", at))
+        return None if at is None else _FlatTable(self._data, at + self._unpack("I", at))
 
     def pairs(self, number: int) -> Iterator[tuple[int, int]]:
         """A vector of pairs of 64-bit integers."""
