@@ -485,7 +485,7 @@ def import_of_columns(
     """The tables of channels, and their values. ``ticks`` are those of the rows, less
     ``start_tick``. ``stamps``: a channel more, with the time stamps in ns from their ticks.
 
-    Cells that lack among integers give tables of their own, since only floats can be NaN.
+    Values that lack among integers give tables of their own, since only floats can be NaN.
     """
     rows = container.row_count
     known = _known(container, parts, leaves, options)
