@@ -78,6 +78,7 @@ ONLY_IN = {
     "mcap": ("convert.mcap",),
     "zstandard": ("convert.mcap",),
     "lz4": ("convert.mcap", "convert.rosbag"),
+    "pyarrow": ("convert.arrowtables", "convert.parquet", "convert.feather", "convert.lerobot"),
 }
 HEAVY = {
     "numpy",
@@ -98,6 +99,7 @@ HEAVY = {
     "xarray",
     "rosbags",
     "mcap",
+    "pyarrow",
 }
 
 
