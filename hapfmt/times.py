@@ -563,9 +563,12 @@ def settle(
     count = len(times)
     if count < _SETTLED_ROWS:
         return None
-    numbered = numbers is not None
-    ahead = _NUMBERED_BURST_ROWS if numbered else _BURST_ROWS
-    numbers = np.arange(count, dtype=np.float64) if numbers is None else numbers
+    if numbers is None:
+        numbers, ahead = np.arange(count, dtype=np.float64), _BURST_ROWS
+    elif (found := _by_numbers(times, numbers)) is not None:
+        return found
+    else:
+        ahead = _NUMBERED_BURST_ROWS
 
     def refined(rows: slice, period: float) -> float:
         for _ in range(2):
@@ -582,14 +585,11 @@ def settle(
         for start in range(0, count, max(_FIRST_ROWS, -(-count // _PIECES)))
         if start == 0 or start + _FIRST_ROWS <= count
     ]
-    nearby = float(np.median(pieces))
-    period = _median_slope(numbers, times)
-    counts_all = numbered and period > 0 and not _counted(times / period - numbers, ahead)[0].any()
-    if not counts_all:
-        period, stop = nearby, min(_FIRST_ROWS, count)
-        while stop < count:
-            period = refined(slice(stop), period)
-            stop = min(2 * stop, count)
+    period = nearby = float(np.median(pieces))
+    stop = min(_FIRST_ROWS, count)
+    while stop < count:
+        period = refined(slice(stop), period)
+        stop = min(2 * stop, count)
     period = refined(slice(count), period)
     if period <= 0:
         return None
@@ -615,10 +615,24 @@ def settle(
         offset,
         residual,
         float(np.median(np.abs(left))),
-        # In long bursts, the last rows of either half place the line.
-        2 * residual / count if counts_all and residual > _UNSETTLED else abs(period / nearby - 1),
+        abs(period / nearby - 1),
         count_sources(times, period),
     )
+
+
+def _by_numbers(times: NDArray[np.float64], numbers: NDArray[np.float64]) -> Settled | None:
+    """Rows whose numbers count all that were lost; None where rows come later for good."""
+    period = _median_slope(numbers, times)
+    if period <= 0:
+        return None
+    phase = times / period - numbers
+    middle = float(np.median(phase))
+    residual = float(np.median(np.abs(phase - middle)))
+    if _counted(phase, _NUMBERED_BURST_ROWS)[0][-1] > residual:
+        return None
+    # The delay of the last rows of either half turns the line.
+    turned = 2 * residual / len(times) if residual > _UNSETTLED else 0.0
+    return Settled(numbers, period, middle * period, residual, 0.0, turned, 1)
 
 
 def _wander(left: NDArray[np.float64]) -> NDArray[np.float64]:
