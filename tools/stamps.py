@@ -59,7 +59,7 @@ class Publisher(NamedTuple):
 
 
 DELAYS = ((0.1, True), (0.3, True), (0.6, True), (0.2, False), (0.3, False), (0.4, False))
-BURSTS = (0.0, 0.002, 0.01)
+BURSTS = (0.0, 0.01)
 LOSSES = {
     "no loss": Publisher(lost=()),
     "30 rows": Publisher(),
@@ -73,7 +73,7 @@ SEEDS = range(2)
 
 
 def wrong_share(publisher: Publisher, *, numbered: bool = False) -> float | None:
-    """Of rows on a wrong tick; None where the stamps are refused."""
+    """Share of the rows that are on a wrong tick; None where the stamps are refused."""
     ticks, times = publisher.messages()
     stamps = np.round(times * 1e9).astype(np.int64)
     try:
