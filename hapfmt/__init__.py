@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from .version import SPEC_VERSION, __version__
 
 if TYPE_CHECKING:
+    from .clocks import ClockMap, ClockObservation
     from .convert import load, read, save
     from .edit.recover import recover, recover_in_place
     from .encoder.live import Input
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
         UnknownChannelError,
         UnsupportedError,
     )
-    from .format.extras import ClockMap, ClockObservation
     from .lab.plotting.pages import plot
     from .limits import Limits
     from .reading.clocks import fit_clock
@@ -61,8 +61,8 @@ _PLACES = {
     "UnknownChannelError": "errors",
     "UnsupportedError": "errors",
     "Event": "recording",
-    "ClockMap": "format.extras",
-    "ClockObservation": "format.extras",
+    "ClockMap": "clocks",
+    "ClockObservation": "clocks",
     "Limits": "limits",
     "plot": "lab.plotting.pages",
     "fit_clock": "reading.clocks",

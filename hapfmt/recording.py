@@ -17,13 +17,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property, partial
-from itertools import accumulate
+from itertools import accumulate, chain
 from operator import index
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .clocks import ClockMap, ClockObservation, by_clock, check_steps, on_channels
 from .errors import (
     DataWarning,
     LimitError,
@@ -96,13 +97,18 @@ def by_layer(events: Iterable[Event]) -> dict[str, list[Event]]:
 
 def index_of_channel(event: Event, labels: Sequence[str]) -> int | None:
     """The number of the channel that an event refers to."""
-    if isinstance(event.channel, str):
-        if event.channel not in labels:
-            raise ParameterError(f"an event names channel {event.channel!r}, which does not exist")
-        return labels.index(event.channel)
-    if event.channel is not None and not 0 <= event.channel < len(labels):
-        raise ParameterError(f"an event names channel {event.channel} of {len(labels)}")
-    return event.channel
+    return None if event.channel is None else place_of_reference(event.channel, labels, "an event")
+
+
+def place_of_reference(channel: int | str, labels: Sequence[str], what: str) -> int:
+    """The number of a channel that an event or a clock refers to."""
+    if isinstance(channel, str):
+        if channel not in labels:
+            raise ParameterError(f"{what} names channel {channel!r}, which does not exist")
+        return labels.index(channel)
+    if not 0 <= channel < len(labels):
+        raise ParameterError(f"{what} names channel {channel} of {len(labels)}")
+    return channel
 
 
 Units = str | Sequence[str] | Mapping[str, str]
@@ -560,6 +566,9 @@ Rates = Rate | Mapping[str, Rate]
 """One rate, or {label: rate}."""
 Seconds = Fraction | float
 
+NANOSECONDS = Fraction(10**9)
+"""Ticks per second where an observation names no channel."""
+
 EPOCH_LIMIT = 1 << 63
 """Nanoseconds: 292 years; HEAD has 64 bits."""
 
@@ -988,6 +997,11 @@ class Recording:
         {name: (media type, bytes)}.
     events
         markers and annotations.
+    clocks
+        hapfmt.ClockObservation of other clocks, those of one clock and channel together; a channel
+        is kept by its number.
+    clock_maps
+        hapfmt.ClockMap, at most one for a clock and channel.
     """
 
     channels: tuple[Channel, ...] = ()
@@ -997,19 +1011,30 @@ class Recording:
     metadata: dict[str, Any] = field(default_factory=dict)
     attachments: dict[str, tuple[str, bytes]] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
+    clocks: tuple[ClockObservation, ...] = ()
+    clock_maps: tuple[ClockMap, ...] = ()
 
     def __post_init__(self) -> None:
-        for name, kind in (("channels", Channel), ("events", Event)):
+        kinds = {
+            "channels": Channel,
+            "events": Event,
+            "clocks": ClockObservation,
+            "clock_maps": ClockMap,
+        }
+        for name, kind in kinds.items():
             given = getattr(self, name)
             if isinstance(given, (Mapping, kind)) or not isinstance(given, Iterable):
                 given = [None]
             found = tuple(given)
             if not all(isinstance(one, kind) for one in found):
+                advice = "; Recording.from_array takes arrays and tables"
                 raise ParameterError(
-                    f"the {name} of a recording are a list of hapfmt.{kind.__name__}; "
-                    "Recording.from_array takes arrays and tables"
+                    f"the {name.replace('_', ' ')} of a recording are a list of "
+                    f"hapfmt.{kind.__name__}{advice if name == 'channels' else ''}"
                 )
             object.__setattr__(self, name, found)
+        if self.clocks or self.clock_maps:
+            self._place_clocks()
         if self.epoch_ns is not None:
             object.__setattr__(self, "epoch_ns", _whole_ns(self.epoch_ns, "epoch_ns"))
             if not -EPOCH_LIMIT <= self.epoch_ns < EPOCH_LIMIT:
@@ -1018,6 +1043,25 @@ class Recording:
         object.__setattr__(self, "epoch_uncertainty_ns", uncertainty)
         if not 0 <= uncertainty < 2 * EPOCH_LIMIT - 1:
             raise ParameterError("the uncertainty of the epoch lies between 0 and 2^64 - 2 ns")
+
+    def _place_clocks(self) -> None:
+        """Channels of clocks become numbers, and what belongs together is put together."""
+        labels = self.labels
+        clocked: list[ClockObservation | ClockMap] = [*self.clocks, *self.clock_maps]
+        numbers: dict[int | str | None, int] = {
+            channel: place_of_reference(channel, labels, "a clock")
+            for channel in {one.channel for one in clocked}
+            if channel is not None
+        }
+        seen = by_clock(on_channels(self.clocks, numbers))
+        maps = by_clock(on_channels(self.clock_maps, numbers))
+        for (clock, channel), own in maps.items():
+            check_steps(own[0])
+            if len(own) > 1:
+                where = "nanoseconds" if channel is None else f"channel {channel}"
+                raise ParameterError(f"{len(own)} maps of clock {clock!r} for {where}; keep one")
+        object.__setattr__(self, "clocks", tuple(chain.from_iterable(seen.values())))
+        object.__setattr__(self, "clock_maps", tuple(chain.from_iterable(maps.values())))
 
     @classmethod
     def from_array(
@@ -1134,8 +1178,9 @@ class Recording:
         """A part of the recording: some channels, and the seconds start <= time < stop.
 
         ``labels``: labels or numbers in the wanted order, or patterns such as "pos_*"; None: all.
-        Samples keep their times. Events of other channels, and events outside these seconds, are
-        left out. Raises UnknownChannelError, and ParameterError if stop is not after start.
+        Samples keep their times. Events and clocks of other channels, and events and observations
+        outside these seconds, are left out; maps stay. Raises UnknownChannelError, and
+        ParameterError if stop is not after start.
         """
         check_seconds(start, stop)
         if start is not None and to_fraction(start) >= self.duration > 0:
@@ -1147,8 +1192,14 @@ class Recording:
                 channel.slice_ticks(*tick_range(channel.rate_exact, start, stop))
                 for channel in channels
             ]
+        now: dict[int | str | None, int] = {old: new for new, old in reversed([*enumerate(places)])}
+        rates = [channel.rate_exact for channel in channels]
         return replace(
-            self, channels=tuple(channels), events=tuple(self._events_of(places, start, stop))
+            self,
+            channels=tuple(channels),
+            events=tuple(self._events_of(places, start, stop)),
+            clocks=tuple(observed_between(on_channels(self.clocks, now), rates, start, stop)),
+            clock_maps=tuple(on_channels(self.clock_maps, now)),
         )
 
     def _places_of(self, labels: Any) -> list[int]:
@@ -1265,6 +1316,8 @@ class Recording:
         channels, samples = counted(len(self), "channel"), counted(self.sample_count, "sample")
         lines = [f"Recording: {channels}, {samples}, {_seconds(self)}"]
         lines[0] += f", {counted(len(self.events), 'event')}" if self.events else ""
+        names = {one.clock for one in self.clocks} | {one.clock for one in self.clock_maps}
+        lines[0] += f", {counted(len(names), 'clock')}" if names else ""
         rows = [
             (
                 str(number),
@@ -1333,6 +1386,26 @@ def past_end(start: Seconds, duration: Fraction) -> str:
     return (
         f"no samples from {float(to_fraction(start)):g} s on; the end is at {float(duration):g} s"
     )
+
+
+def observed_between(
+    observations: Iterable[ClockObservation],
+    rates: Sequence[Fraction],
+    start: Seconds | None,
+    stop: Seconds | None,
+) -> Iterator[ClockObservation]:
+    """Those at the seconds start <= time < stop; ``rates`` are those of the channels."""
+    if start is None and stop is None:
+        yield from observations
+        return
+    ranges: dict[int | str | None, tuple[int, int]] = {
+        place: tick_range(rate, start, stop) for place, rate in enumerate(rates)
+    }
+    ranges[None] = tick_range(NANOSECONDS, start, stop)
+    for seen in observations:
+        first, end = ranges[seen.channel]
+        if (start is None or first <= seen.tick) and seen.tick < end:
+            yield seen
 
 
 def check_seconds(start: Seconds | None, stop: Seconds | None) -> None:

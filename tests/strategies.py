@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 from hypothesis import strategies as st
 
+from hapfmt.clocks import ClockMap, ClockObservation
 from hapfmt.codecs.events import CodedEvent
 from hapfmt.codecs.exact import ExactParameters, encode_exact
 from hapfmt.codecs.grids import LpcParameters
@@ -25,7 +26,6 @@ from hapfmt.codecs.quantised import Alphabet, QuanParameters, code_lengths, enco
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
 from hapfmt.encoder.settings import Settings, Tolerance
 from hapfmt.format.cluster import Packet
-from hapfmt.format.extras import ClockMap, ClockObservation
 from hapfmt.format.track import WORD_SIZES, Affine, Component, Contract, Track
 from hapfmt.format.wire import ChunkHeader, Head
 from hapfmt.limits import LEVELS
@@ -582,6 +582,20 @@ def clock_maps(draw):
     for _ in range(size - 1):
         points.append((points[-1][0] + draw(steps), points[-1][1] + draw(steps)))
     return ClockMap(draw(clock_names), None, tuple(points))
+
+
+@st.composite
+def clocked(draw, recording):
+    """The recording with observations and maps of a few clocks."""
+    places = st.sampled_from([None, *range(len(recording))])
+    names = st.sampled_from(["pc", "\N{OHM SIGN}" * 85])
+    seen = st.builds(ClockObservation, names, places, ticks, i64s, st.integers(0, 2**53 - 1))
+    maps = st.builds(replace, clock_maps(), clock=names, channel=places)
+    return replace(
+        recording,
+        clocks=draw(st.lists(seen, max_size=8)),
+        clock_maps=draw(st.lists(maps, max_size=3, unique_by=lambda m: (m.clock, m.channel))),
+    )
 
 
 event_texts = texts | st.sampled_from(["x" * 65535, "\N{OHM SIGN}" * 20000])

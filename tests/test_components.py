@@ -38,6 +38,7 @@ from component_programs import (
 )
 from spec import REQUIREMENTS
 
+from hapfmt import ClockMap
 from hapfmt.deadband import Deadband
 from hapfmt.errors import FormatError
 from hapfmt.format.cluster import (
@@ -47,7 +48,7 @@ from hapfmt.format.cluster import (
     parse_table_head,
     salvage_cluster,
 )
-from hapfmt.format.extras import ClockMap, parse_clock, parse_map
+from hapfmt.format.extras import parse_clock, parse_map
 from hapfmt.format.track import Track, round_up
 from hapfmt.format.wire import cluster_seed
 from hapfmt.limits import LEVELS
@@ -106,8 +107,8 @@ def clock_chunk(case):
         rows = [[large(n) for n in point] for point in found.points]
         return {"clock": found.clock, "points": rows}
     seen = parse_clock(payload, None, 0)
-    rows = [[large(n) for n in (o.tick, o.time_ns, o.uncertainty_ns)] for o in seen]
-    return {"clock": seen[0].clock, "observations": rows}
+    rows = [[large(n) for n in row] for row in seen.rows]
+    return {"clock": seen.clock, "observations": rows}
 
 
 def clock_map(case):

@@ -782,8 +782,8 @@ def test_clock_observations_are_stored_raw_and_maps_only_when_asked(tmp_path):
         assert len(reader.clocks) == 60 and reader.clock_maps == []
         seen = [o for o in reader.clocks if o.clock == "camera"]
         assert seen[3].time_ns == 5 * 10**9 + 3 * 1_000_040_000 and seen[3].uncertainty_ns == 100
-        assert reader.catalogue.tracks[seen[3].track].components[0].label == "a"
-        assert {o.track for o in reader.clocks if o.clock == "gps"} == {None}
+        assert reader.channels[seen[3].channel].label == "a"
+        assert {o.channel for o in reader.clocks if o.clock == "gps"} == {None}
     with Recorder(path, inputs, append=True, clock_maps=True) as recorder:
         observe(recorder, 20, 40)
         recorder.clock("once", "a", 40_000, 5)
@@ -845,3 +845,15 @@ def test_events_and_observations_alone_wait_no_longer_than_hold(tmp_path):
 
         wait_for(seen)
     assert hapfmt.verify(path).verdict == "intact"
+
+
+def test_a_clock_that_leaps_has_no_map_that_a_file_holds(tmp_path):
+    """Set from 0 to the time of day: the observations stay, and a note says why there is no map."""
+    with Recorder(tmp_path / "a.hapf", [counts_input()], clock_maps=True) as recorder:
+        recorder.write("force", np.zeros(40_000, np.int32))
+        for second in range(40):
+            leap = 10**18 * (second >= 20)
+            recorder.clock("pc", "force", 1000 * second, leap + second * 10**9)
+    with hapfmt.Reader(tmp_path / "a.hapf") as reader:
+        assert len(reader.clocks) == 40 and reader.clock_maps == []
+        assert any("no map of clock 'pc'" in note for note in reader.metadata["notes"])

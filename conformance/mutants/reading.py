@@ -273,7 +273,8 @@ MUTANTS = (
             "tracks, layers, broken = decode_tracks(reader)",
             "tracks, layers, broken = decode_tracks(reader)\n"
             "    for found in catalogue.clock_maps:\n"
-            "        spans = tracks[found.track].spans if found.track in tracks else []\n"
+            "        ids = [i for i, t in tracks.items() if found.channel in t.track.channels]\n"
+            "        spans = tracks[ids[0]].spans if ids else []\n"
             "        spans[:] = [Span(*map(found.time_ns, (s.start, s.stop))) for s in spans]",
         ),
     ),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, cast
 
@@ -19,13 +18,10 @@ from .common import (
 from .screen import Verb, say, table
 
 if TYPE_CHECKING:
-    from ..format.extras import ClockMap, ClockObservation
+    from ..clocks import ClockMap, ClockObservation
     from ..limits import Limits
     from ..reading.clocks import Delays
     from ..reading.reader import Reader
-
-NS = Fraction(10**9)
-"""Ticks per second where a clock was observed by nanoseconds of the recording."""
 
 
 @click.command(cls=Verb)
@@ -64,12 +60,13 @@ def clocks(
     hapfmt clocks touch.hapf
     hapfmt clocks touch.hapf --fit --delays late
     """
+    from ..clocks import by_clock
     from ..reading.reader import Reader
 
     with Reader(input_of(file), limits=max_memory) as reader:
         seconds = None if segment is None else float(segment)
         asked = (cast("Delays", delays), seconds) if fit else None
-        rows = [one_clock(reader, seen, asked) for seen in by_clock(reader)]
+        rows = [one_clock(reader, seen, asked) for seen in by_clock(reader.clocks).values()]
         code = tell_losses(reader)
     if as_json:
         echo_json({"clocks": rows, "exit_code": code})
@@ -80,40 +77,27 @@ def clocks(
     return code
 
 
-def by_clock(reader: Reader) -> list[list[ClockObservation]]:
-    """Tracks that continue one another count the same ticks: the first stands for all."""
-    first = {
-        track.id: parts[0].track.id
-        for parts in reader.catalogue.parts
-        for part in parts
-        for track in part.tracks
-    }
-    found: dict[tuple[str, int | None], list[ClockObservation]] = {}
-    for seen in reader.clocks:
-        track = None if seen.track is None else first.get(seen.track, seen.track)
-        found.setdefault((seen.clock, track), []).append(replace(seen, track=track))
-    return list(found.values())
-
-
 def one_clock(
     reader: Reader, seen: list[ClockObservation], fitted: tuple[Delays, float | None] | None
 ) -> dict[str, Any]:
     from ..reading.clocks import fit_clock, summarise
+    from ..recording import NANOSECONDS
 
-    clock, track = seen[0].clock, seen[0].track
-    rate = NS if track is None else reader.catalogue.tracks[track].rate
+    clock, channel = seen[0].clock, seen[0].channel
+    track = next((ref.track for ref in reader.channels if ref.number == channel), None)
+    rate = NANOSECONDS if track is None else track.rate
     summary = summarise(seen, rate)
     ticks = [each.tick for each in seen]
     chosen: ClockMap | None = None
     if fitted and min(ticks) < max(ticks):
         chosen = fit_clock(seen, rate, delays=fitted[0], window=fitted[1])
     elif not fitted:
-        maps = {(each.clock, each.track): each for each in reader.clock_maps}
-        chosen = maps.get((clock, track))
+        maps = {(each.clock, each.channel): each for each in reader.clock_maps}
+        chosen = maps.get((clock, channel))
     away = sorted(abs(each.time_ns - chosen.time_ns(each.tick)) for each in seen) if chosen else []
     return {
         "clock": clock,
-        "track": track,
+        "track": None if track is None else track.id,
         "observation_count": summary.count,
         "first_s": float(min(ticks) / rate),
         "last_s": float(max(ticks) / rate),

@@ -441,7 +441,6 @@ def load_recording(
 
     with Reader(input_of(name), limits=limits) as reader, progress("decoding") as advance:
         recording = reader.read(progress=advance)
-        tell_clocks(reader)
         return recording, tell_losses(reader)
 
 
@@ -501,12 +500,6 @@ def contents(recording: Recording) -> str:
     start = float(min(begun, default=0))
     times = f"{start:.6g} to {stop:.6g}" if start else f"{stop:.6g}"
     return f"{counted(len(recording), 'channel')}, {times}{JOINED}s"
-
-
-def tell_clocks(reader: Reader) -> None:
-    """Notes on contents of the file that a recording cannot hold."""
-    if reader.clocks or reader.clock_maps:
-        note("observations of other clocks are not carried over")
 
 
 def tell_losses(reader: Reader) -> int:

@@ -78,7 +78,8 @@ def compare(
     as_json: bool,
 ) -> int:
     """Compare the samples of A and B, of any format, tick by tick. Channels are matched by label;
-    if no label matches, by place and unit. Metadata, events and attachments are not compared.
+    if no label matches, by place and unit. Metadata, events, clocks and attachments are not
+    compared.
 
     The exit code is 0 if no difference is larger than --tolerance and no sample is missing on
     either side. It is 3 if the recordings differ, or if samples were lost to damage. An error is 1.

@@ -25,7 +25,6 @@ from .common import (
     start_option,
     stop_option,
     suffix_of,
-    tell_clocks,
     tell_losses,
     tell_written,
     threads_option,
@@ -103,7 +102,6 @@ def decode(
                 f"No samples{band_} in this time range; the recording ends at {end:g} s",
                 path=reader.source.path,
             )
-        tell_clocks(reader)
         save_recording(recording, target, output_format, force, max_memory)
         code = tell_losses(reader)
         if as_json and target != "-":

@@ -232,17 +232,18 @@ def channel_json(ref: ChannelRef) -> dict[str, Any]:
 
 
 def clocks_json(catalogue: Catalogue) -> list[dict[str, Any]]:
-    """Each clock on each track, with the number of its observations and of its map's points."""
-    counts = Counter((seen.clock, seen.track) for seen in catalogue.clocks)
-    points = {(found.clock, found.track): len(found.points) for found in catalogue.clock_maps}
+    """Each clock on each channel, with the number of its observations and of its map's points."""
+    counts = Counter((seen.clock, seen.channel) for seen in catalogue.clocks)
+    points = {(found.clock, found.channel): len(found.points) for found in catalogue.clock_maps}
+    tracks: dict[int | str | None, int] = {ref.number: ref.track.id for ref in catalogue.channels}
     return [
         {
             "clock": clock,
-            "track": track,
-            "observation_count": counts[clock, track],
-            "point_count": points.get((clock, track), 0),
+            "track": tracks.get(channel),
+            "observation_count": counts[clock, channel],
+            "point_count": points.get((clock, channel), 0),
         }
-        for clock, track in dict.fromkeys([*counts, *points])
+        for clock, channel in dict.fromkeys([*counts, *points])
     ]
 
 

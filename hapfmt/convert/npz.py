@@ -11,6 +11,10 @@
 ``source``              text, where the recording comes from
 ``events``              text, JSON: a list of objects with ``time``, ``text``, ``duration``,
                         ``channel`` and ``layer``, times as "num/den" in s
+``clocks``              text, JSON: observations of other clocks, a list of objects with
+                        ``clock``, ``channel``, ``tick``, ``time_ns`` and ``uncertainty_ns``
+``clock_maps``          text, JSON: a list of objects with ``clock``, ``channel`` and
+                        ``points``, a list of [tick, time_ns]
 ``t``                   [samples] true times in s: compared with the grid, not stored
 ======================  =============================================================
 
@@ -29,16 +33,18 @@ import struct
 import warnings
 import zipfile
 import zlib
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import asdict, replace
 from fractions import Fraction
 from io import SEEK_END
 from math import isinf, isnan, nan
 from operator import itemgetter
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..clocks import ClockMap, ClockObservation
 from ..errors import LimitError, MovedTimesWarning, ParameterError
 from ..files import Closing
 from ..limits import TICK_LIMIT
@@ -58,6 +64,7 @@ from .common import (
 from .formats import Destination, ReadOptions, Source, WriteOptions
 from .npy import doubles_2d, memory_of, read_array, read_header, write_array, write_dense
 
+T = TypeVar("T", Event, ClockObservation, ClockMap)
 _KEY = re.compile(
     r"(x|rate|rate_hz|channel_names|unit|lsb|start_tick|index|t)(__(?:0|[1-9][0-9]{0,4}))?"
 )
@@ -93,10 +100,10 @@ def read(source: Source, options: ReadOptions) -> Recording:
         found = [_channels(archive, ending, rate, notes, transpose) for ending in endings]
         channels = [channel for group, _ in found for channel in group]
         positions = [p for ending in endings for p in archive.integers(f"index{ending}")]
-        origin, texts = archive.texts("source"), archive.texts("events")
-    # What ``_written`` made of events.
-    with refusing("key 'events'", RecursionError, TypeError):
-        events = [Event(**row) for text in texts for row in json.loads(text)]
+        origin = archive.texts("source")
+        events = archive.objects("events", Event)
+        clocks = archive.objects("clocks", ClockObservation)
+        clock_maps = archive.objects("clock_maps", ClockMap)
     if positions and sorted(positions) != list(range(len(channels))):
         raise ParameterError("the index keys do not give each channel a position of its own")
     placed = zip(positions or range(len(channels)), channels, strict=True)
@@ -115,18 +122,25 @@ def read(source: Source, options: ReadOptions) -> Recording:
         ),
         metadata=described,
         events=tuple(events),
+        clocks=tuple(clocks),
+        clock_maps=tuple(clock_maps),
         epoch_ns=found[0][1] if len(found) == 1 else None,
     )
 
 
-def _written(recording: Recording) -> str:
+def _objects(recording: Recording) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """The keys that hold JSON, and their contents."""
     labels = [channel.label for channel in recording.channels]
-    rows = [
-        {**vars(e), "time": str(e.time), "duration": str(e.duration),
-         "channel": index_of_channel(e, labels)}
-        for e in recording.events
-    ]  # fmt: skip
-    return json.dumps(rows, ensure_ascii=False, separators=(",", ":"))
+    yield (
+        "events",
+        [
+            {**vars(e), "time": str(e.time), "duration": str(e.duration),
+             "channel": index_of_channel(e, labels)}
+            for e in recording.events
+        ],
+    )  # fmt: skip
+    yield "clocks", [asdict(seen) for seen in recording.clocks]
+    yield "clock_maps", [asdict(one) for one in recording.clock_maps]
 
 
 class _Archive(Closing):
@@ -193,6 +207,13 @@ class _Archive(Closing):
         texts = self.numbers(key, "US", "text", CHANNEL_LIMIT)
         with refusing(f"key {key!r} holds no text"):
             return [t.decode() if isinstance(t, bytes) else str(t) for t in texts.tolist()]
+
+    def objects(self, key: str, kind: type[T]) -> list[T]:
+        """What ``_objects`` made of events or clocks. Other programs may have numbers there."""
+        if key not in self.members or (key != "events" and self.shape(key)[1] not in "US"):
+            return []
+        with refusing(f"key {key!r}", RecursionError, TypeError):
+            return [kind(**row) for text in self.texts(key) for row in json.loads(text)]
 
     def integers(self, key: str) -> list[int]:
         values = self.numbers(key, "iu", "integers", CHANNEL_LIMIT)
@@ -315,7 +336,7 @@ def _channels(
         found, ticks_at, epoch_ns = grid.rate, grid.ticks, grid.epoch_ns
         notes += grid.notes
         for note in grid.notes:
-            warnings.warn(note, MovedTimesWarning, stacklevel=6)
+            warnings.warn(note, MovedTimesWarning, stacklevel=7)
     hertz = choose_rate(rate, found, notes)
     if times is not None and ticks_at is None:
         notes += _times_notes(times, hertz, ticks, starts[0])
@@ -390,8 +411,8 @@ def write(recording: Recording, target: Destination, options: WriteOptions) -> l
                     write_dense(member, array)
                 else:
                     write_array(member, array)
-    source = ["source"] if "source" in arrays else []
-    return not_carried(recording, ".npz", "unit", "label", "lsb", "events", *source)
+    carried = [key for key in ("source", "events", "clocks", "clock_maps") if key in arrays]
+    return not_carried(recording, ".npz", "unit", "label", "lsb", *carried)
 
 
 def _arrays(recording: Recording, max_memory: int) -> dict[str, NDArray[Any] | Dense]:
@@ -420,8 +441,10 @@ def _arrays(recording: Recording, max_memory: int) -> dict[str, NDArray[Any] | D
         arrays |= {f"{key}{ending}": array for key, array in group.items()}
     if not by_rate:
         arrays["x"] = np.empty((0, 0))
-    if recording.events:
-        arrays["events"] = _text([_written(recording)]).reshape(())
+    for key, rows in _objects(recording):
+        if rows:
+            text = json.dumps(rows, ensure_ascii=False, separators=(",", ":"))
+            arrays[key] = _text([text]).reshape(())
     if isinstance(source := recording.metadata.get("source"), str):
         arrays["source"] = _text([source]).reshape(())
     return arrays

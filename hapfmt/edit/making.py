@@ -22,6 +22,7 @@ from math import gcd, lcm
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
+from ..clocks import TICK_BOUND
 from ..codecs.events import build_events, parse_events
 from ..errors import (
     DAMAGED,
@@ -317,7 +318,6 @@ def level_for(tracks: Sequence[Track], *levels: Level, largest: int = 0) -> Leve
 
 
 TYPES = frozenset({"cLOk", "cMAp"})
-TICK_BOUND = 1 << 52
 
 
 class Everything:

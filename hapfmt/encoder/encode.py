@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from functools import partial
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -45,7 +45,7 @@ from .lattice import Lattice, LatticeSearch, sparse
 from .plan import Promise, promises_of, vector_promise
 from .predict import shorten
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
-from .settings import ALL, Settings
+from .settings import Settings
 from .source import InputBlock, cut, group_units, side_by_side
 from .texture import encode_textured
 from .unit import (
@@ -148,6 +148,8 @@ class EncodeJob:
     """One for the values of each channel."""
     cluster: Fraction
     threads: int
+    heads: list[int]
+    """Channels that begin a track: the first, and those that clocks refer to."""
 
     @property
     def lossless(self) -> Settings:
@@ -179,12 +181,14 @@ def encode(
     originals = [channel for channel, _ in calm]
     cluster = settings.cluster_of(recording)
     searches = [LatticeSearch(channel.stored) for channel in originals]
-    job = EncodeJob(settings, originals, promises, searches, cluster, threads)
+    heads = heads_of(recording, settings)
+    job = EncodeJob(settings, originals, promises, searches, cluster, threads, heads)
     count = len(recording)
     done = progress or (lambda _done, _all: None)
-    parts = list(encode_parts(job, 0, count, lambda done_now: done(done_now, count)))
-    if settings.references and not settings.fast:
-        parts = list(with_relations(parts, job))
+    parts: list[PlacedUnit] = []
+    for first, stop in pairwise([*job.heads, count]):
+        own = list(encode_parts(job, first, stop, lambda done_now: done(done_now, count)))
+        parts += with_relations(own, job) if settings.references and not settings.fast else own
     if settings.preset != "lossless" and settings.smallest:
         parts = with_lossless(parts, job, recorded)
     if settings.preset != "paper" and settings.cluster is None:
@@ -197,6 +201,21 @@ def encode(
     if not any(decision.largest_error for decision in decisions):
         settings = job.lossless
     return Encoded(tracks, packets, decisions, choose_level(tracks), settings)
+
+
+def heads_of(recording: Recording, settings: Settings) -> list[int]:
+    """In order. A file counts the ticks of a track and not of its channels, so a channel with
+    clocks comes first there; the axes of one vector stay together."""
+    found = {0}
+    references = {seen.channel for seen in recording.clocks}
+    references |= {seen.channel for seen in recording.clock_maps}
+    for place in references:
+        if isinstance(place, int):
+            group = recording.channels[place].group
+            inner = place and group and group == recording.channels[place - 1].group
+            if not (inner and settings.keeps_vectors):
+                found.add(place)
+    return sorted(found)
 
 
 def encode_parts(
@@ -213,13 +232,12 @@ def encode_parts(
         return found
 
     prepared = list(in_order(gridded, numbers, job.threads))
-    whole = settings.preset == "perceptual" and settings.felt == ALL and not settings.texture
     groups = list(
         group_units(
             [each.channel for each in prepared],
             job.originals[first:stop],
             required=settings.vectors == "required",
-            apart=not (whole or settings.preset == "paper" or settings.vectors == "required"),
+            apart=not settings.keeps_vectors,
         )
     )
     steps, at = [], 0
@@ -373,9 +391,11 @@ def with_lossless(
         stop = at
         while stop < len(parts) and doubtful[stop]:
             stop += 1
+            if stop < len(parts) and parts[stop].first in job.heads:
+                break
         if stop > at:
             rivals += encode_parts(lossless, parts[at].first, parts[stop - 1].stop)
-        at = stop + 1
+        at = max(stop, at + 1)
     asked = [each.promise for part in parts for each in part.members]
     rivals = [in_place(part, asked) for part in rivals]
     if small and total_cost(rivals) <= total_cost(parts) + METADATA:

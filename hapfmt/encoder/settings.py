@@ -333,6 +333,12 @@ class Settings:
         return cls(preset, **chosen)  # type: ignore[arg-type]
 
     @property
+    def keeps_vectors(self) -> bool:
+        """Whether the axes of a vector share a deadband, and so a track."""
+        whole = self.preset == "perceptual" and self.felt == ALL and not self.texture
+        return whole or self.preset == "paper" or self.vectors == "required"
+
+    @property
     def deadband_floor(self) -> Tolerance:
         """The absolute threshold of preset perceptual."""
         return self.floor or RANGE_FLOOR

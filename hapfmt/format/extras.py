@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import json
 import math
-from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
 from typing import Any, NamedTuple, NoReturn
 
+from ..clocks import TICK_BOUND, TIME_BOUND
 from ..errors import FormatError, ParameterError, TruncatedError
-from ..numbers import build_svarint, build_varint, parse_svarint, parse_varint, rdiv
+from ..numbers import build_svarint, build_varint, parse_svarint, parse_varint
 from .layout import FOOT, INDEX
 from .wire import HEADER_SIZE, encode_text, parse_text
 
@@ -134,134 +134,77 @@ def parse_attachment(payload: bytes, offset: int) -> Attachment:
     return Attachment(texts[0], texts[1], payload[position:])
 
 
-TICK_BOUND = STEP_LIMIT = 1 << 52
+STEP_LIMIT = 1 << 52
 """What a svarint holds lies below."""
-TIME_BOUND = 1 << 63
-VARINT_BOUND = 1 << 53
 CHUNK_COUNT = 1 << 14
 """Observations of a chunk that this writer makes: at most 27 bytes each fit level 1."""
 
+ClockRow = tuple[int, int, int]
+"""Tick, time and uncertainty, both in nanoseconds."""
 
-@dataclass(frozen=True, slots=True)
-class ClockObservation:
-    """A reading of a clock: it showed ``time_ns`` at ``tick`` of a track.
 
-    With track None, ticks are nanoseconds of the recording. uncertainty_ns 0: unknown.
-    """
+class ClockChunk(NamedTuple):
+    """The content of a cLOk chunk; ``track`` None: its ticks are nanoseconds."""
 
     clock: str
     track: int | None
-    tick: int
-    time_ns: int
-    uncertainty_ns: int = 0
+    rows: list[ClockRow]
 
 
-@dataclass(frozen=True)
-class ClockMap:
-    """Maps ticks of a track to the time of a clock and back, in integers.
-
-    It interpolates linearly between ``points`` (tick, time_ns), at least two, both increasing.
-    """
+class ClockMapChunk(NamedTuple):
+    """The content of a cMAp chunk: points (tick, time in nanoseconds)."""
 
     clock: str
     track: int | None
     points: tuple[tuple[int, int], ...]
 
-    def __post_init__(self) -> None:
-        points = tuple((int(tick), int(time)) for tick, time in self.points)
-        object.__setattr__(self, "points", points)
-        pairs = list(zip(points, points[1:], strict=False))
-        if not pairs or any(k1 <= k0 or t1 <= t0 for (k0, t0), (k1, t1) in pairs):
-            raise ParameterError("a clock map has two points or more, whose ticks and times grow")
 
-    @cached_property
-    def _ticks(self) -> list[int]:
-        return [tick for tick, _ in self.points]
-
-    @cached_property
-    def _times(self) -> list[int]:
-        return [time for _, time in self.points]
-
-    def time_ns(self, tick: int) -> int:
-        """The time of the clock at a tick, in nanoseconds."""
-        (k0, t0), (k1, t1) = self._line(bisect_right(self._ticks, tick))
-        return t0 + rdiv((t1 - t0) * (tick - k0), k1 - k0)
-
-    def tick(self, time_ns: int) -> int:
-        """The tick at a time of the clock in nanoseconds."""
-        (k0, t0), (k1, t1) = self._line(bisect_right(self._times, time_ns))
-        return k0 + rdiv((k1 - k0) * (time_ns - t0), t1 - t0)
-
-    def _line(self, after: int) -> Sequence[tuple[int, int]]:
-        """The line from the last point at or before something, else the first line."""
-        first = min(max(after - 1, 0), len(self.points) - 2)
-        return self.points[first : first + 2]
-
-
-def build_clocks(observations: Sequence[ClockObservation]) -> Iterator[bytes]:
-    """cLOk payloads of observations of one clock on one track: several where they are many, or
+def build_clocks(clock: str, rows: Iterable[ClockRow]) -> Iterator[bytes]:
+    """cLOk payloads of the observations of a clock on one track: several where they are many, or
     where the clock leaps further than a difference can tell."""
-    for part in parts_of(observations):
-        out = build_name(part[0].clock) + build_varint(len(part))
+    for part in parts_of(rows):
+        out = bytearray(build_name(clock) + build_varint(len(part)))
         before = None
-        for seen in part:
-            check_place(seen.tick, seen.time_ns)
-            if not 0 <= seen.uncertainty_ns < VARINT_BOUND:
-                raise ParameterError("an uncertainty lies between 0 and 2^53 - 1 ns")
+        for tick, time_ns, uncertainty_ns in part:
             if before is None:
-                out += build_svarint(seen.tick) + seen.time_ns.to_bytes(8, "little", signed=True)
+                out += build_svarint(tick) + time_ns.to_bytes(8, "little", signed=True)
             else:
-                out += build_svarint(seen.tick - before.tick)
-                out += build_svarint(seen.time_ns - before.time_ns)
-            out += build_varint(seen.uncertainty_ns)
-            before = seen
-        yield out
+                out += build_svarint(tick - before[0]) + build_svarint(time_ns - before[1])
+            out += build_varint(uncertainty_ns)
+            before = tick, time_ns
+        yield bytes(out)
 
 
-def parts_of(observations: Sequence[ClockObservation]) -> Iterator[list[ClockObservation]]:
-    part: list[ClockObservation] = []
-    for seen in observations:
+def parts_of(rows: Iterable[ClockRow]) -> Iterator[list[ClockRow]]:
+    part: list[ClockRow] = []
+    for row in rows:
         far = part and (
             len(part) == CHUNK_COUNT
-            or abs(seen.tick - part[-1].tick) >= STEP_LIMIT
-            or abs(seen.time_ns - part[-1].time_ns) >= STEP_LIMIT
+            or abs(row[0] - part[-1][0]) >= STEP_LIMIT
+            or abs(row[1] - part[-1][1]) >= STEP_LIMIT
         )
         if far:
             yield part
             part = []
-        part.append(seen)
+        part.append(row)
     if part:
         yield part
 
 
-def build_map(clock_map: ClockMap) -> bytes:
+def build_map(clock: str, points: Sequence[tuple[int, int]]) -> bytes:
     """The cMAp payload."""
-    points = clock_map.points
-    out = build_name(clock_map.clock) + build_varint(len(points))
-    before: tuple[int, int] | None = None
-    for tick, time_ns in points:
-        check_place(tick, time_ns)
-        if before is None:
-            out += build_svarint(tick) + time_ns.to_bytes(8, "little", signed=True)
-        else:
-            steps = tick - before[0], time_ns - before[1]
-            if max(steps) >= VARINT_BOUND:
-                raise ParameterError("two points of a clock map are 2^53 or more apart")
-            out += build_varint(steps[0]) + build_varint(steps[1])
-        before = tick, time_ns
-    return out
+    (tick, time_ns), *others = points
+    out = bytearray(build_name(clock) + build_varint(len(points)))
+    out += build_svarint(tick) + time_ns.to_bytes(8, "little", signed=True)
+    for later, then_ns in others:
+        out += build_varint(later - tick) + build_varint(then_ns - time_ns)
+        tick, time_ns = later, then_ns
+    return bytes(out)
 
 
 def build_name(clock: str) -> bytes:
-    raw = encode_text(clock)
-    if not raw:
-        raise ParameterError("a clock has a name")
+    raw = clock.encode()
     return bytes([len(raw)]) + raw
-
-
-def check_place(tick: int, time_ns: int) -> None:
-    if abs(tick) >= TICK_BOUND or not -TIME_BOUND <= time_ns < TIME_BOUND:
-        raise ParameterError(f"tick {tick}, time {time_ns} ns: no clock chunk holds them")
 
 
 def parse_name(payload: bytes, offset: int) -> tuple[str, int]:
@@ -274,14 +217,14 @@ def parse_name(payload: bytes, offset: int) -> tuple[str, int]:
     return parse_text(payload[1:stop], offset + 1), stop
 
 
-def parse_clock(payload: bytes, track: int | None, offset: int) -> list[ClockObservation]:
-    """The observations of a cLOk payload at ``offset``."""
+def parse_clock(payload: bytes, track: int | None, offset: int) -> ClockChunk:
+    """A cLOk payload at ``offset``."""
     clock, position = parse_name(payload, offset)
     at = position
     count, position = parse_varint(payload, position, offset)
     if count < 1:
         raise FormatError("no observation", requirement="CLK-001", offset=offset + at)
-    found: list[ClockObservation] = []
+    rows: list[ClockRow] = []
     tick = time_ns = 0
     for place in range(count):
         at = position
@@ -293,12 +236,13 @@ def parse_clock(payload: bytes, track: int | None, offset: int) -> list[ClockObs
         uncertainty, position = parse_varint(payload, position, offset)
         tick, time_ns = tick + step, time_ns + later
         check_bounds(tick, time_ns, offset + at)
-        found.append(ClockObservation(clock, track, tick, time_ns, uncertainty))
+        rows.append((tick, time_ns, uncertainty))
     check_end(payload, position, offset)
-    return found
+    return ClockChunk(clock, track, rows)
 
 
-def parse_map(payload: bytes, track: int | None, offset: int) -> ClockMap:
+def parse_map(payload: bytes, track: int | None, offset: int) -> ClockMapChunk:
+    """A cMAp payload at ``offset``."""
     clock, position = parse_name(payload, offset)
     at = position
     count, position = parse_varint(payload, position, offset)
@@ -321,7 +265,7 @@ def parse_map(payload: bytes, track: int | None, offset: int) -> ClockMap:
         check_bounds(tick, time_ns, offset + at)
         points.append((tick, time_ns))
     check_end(payload, position, offset)
-    return ClockMap(clock, track, tuple(points))
+    return ClockMapChunk(clock, track, tuple(points))
 
 
 def parse_time(payload: bytes, position: int, offset: int) -> tuple[int, int]:

@@ -15,8 +15,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..clocks import ClockMap, ClockObservation
 from ..errors import ParameterError
-from ..format.extras import ClockMap, ClockObservation
 from ..numbers import rdiv
 
 Delays = Literal["both", "late"]
@@ -39,7 +39,7 @@ ROUNDS = 12
 
 @dataclass(frozen=True)
 class ClockSummary:
-    """A clock against the ticks of a track, along one line through all observations.
+    """A clock against the ticks of a channel, along one line through all observations.
 
     offset_ns: its time at the first observed tick, minus that of the tick. drift_ppm: how much
     faster it runs. jitter_ns: half of the observations lie within this distance of the line.
@@ -67,7 +67,7 @@ def residuals(
 
 
 def summarise(observations: Sequence[ClockObservation], rate: Fraction) -> ClockSummary:
-    """The summary of one clock on one track; the observations may have any order."""
+    """The summary of one clock on one channel; the observations may have any order."""
     ordered = sorted(observations, key=lambda seen: seen.tick)
     x, y = residuals(ordered, rate)
     slope, height = line_through(x, y, weights_of(ordered))
@@ -84,7 +84,7 @@ def fit_clock(
     delays: Delays = "both",
     window: float | None = None,
 ) -> ClockMap:
-    """A map through the observations of one clock on one track of ``rate`` ticks per second.
+    """A map through the observations of one clock on one channel of ``rate`` ticks per second.
 
     delays
         How stamps deviate. "both": they are early as often as late. "late": they are never early,
@@ -117,7 +117,7 @@ def fit_clock(
         count = round(seconds / window) if window else choose_count(stamps, late=late)
         nodes = polyline(stamps, count, late=late)
         points |= dict(placed(own[0], rate, at, height) for at, height in nodes)
-    return ClockMap(ordered[0].clock, ordered[0].track, growing(points))
+    return ClockMap(ordered[0].clock, ordered[0].channel, growing(points))
 
 
 def growing(points: dict[int, int]) -> tuple[tuple[int, int], ...]:
@@ -133,8 +133,8 @@ def growing(points: dict[int, int]) -> tuple[tuple[int, int], ...]:
 
 def unique(observations: Sequence[ClockObservation]) -> list[ClockObservation]:
     """In order of ticks."""
-    if len({(seen.clock, seen.track) for seen in observations}) != 1:
-        raise ParameterError("a map needs observations of one clock on one track")
+    if len({(seen.clock, seen.channel) for seen in observations}) != 1:
+        raise ParameterError("a map needs observations of one clock on one channel")
     ordered = sorted(observations, key=lambda seen: (seen.tick, seen.time_ns))
     if ordered[0].tick == ordered[-1].tick:
         raise ParameterError("a map needs observations at two different ticks or more")

@@ -107,8 +107,7 @@ def clock_json(chunk: Chunk) -> dict[str, Any]:
         found = parse_map(chunk.payload, chunk.header.track, chunk.payload_offset)
         return {"clock": found.clock, "points": [list(point) for point in found.points]}
     seen = parse_clock(chunk.payload, chunk.header.track, chunk.payload_offset)
-    rows = [[each.tick, each.time_ns, each.uncertainty_ns] for each in seen]
-    return {"clock": seen[0].clock, "observations": rows}
+    return {"clock": seen.clock, "observations": [list(row) for row in seen.rows]}
 
 
 def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ from fractions import Fraction
 from typing import Any, BinaryIO
 from uuid import UUID
 
+from ..clocks import ClockMap, ClockObservation, on_channels
 from ..errors import (
     HARMLESS,
     DataWarning,
@@ -22,14 +23,14 @@ from ..errors import (
 )
 from ..files import Closing
 from ..format.cluster import Packet
-from ..format.extras import Attachment, ClockMap, ClockObservation
+from ..format.extras import Attachment
 from ..format.source import open_source
 from ..format.track import Track, lone_lf
 from ..format.walk import Chunk, Finding, read_chunk
 from ..limits import Limits
 from ..numbers import counted
 from ..numbers import exact as exact_number
-from ..recording import Event, Recording, past_end
+from ..recording import Event, Recording, observed_between, past_end
 from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
 from .damage import LostSpan, damaged_areas
@@ -229,17 +230,22 @@ class Reader(Closing):
 
     @property
     def clocks(self) -> list[ClockObservation]:
-        """Observations of other clocks, in the order of the file."""
-        if not self.catalogue.lists(("cLOk",)):
+        """Observations of other clocks, in the order of the file. The ticks of a track of several
+        channels are those of its first channel."""
+        try:
+            return self.catalogue.clocks
+        except FalseIndexError:
             self.scan()
-        return self.catalogue.clocks
+            return self.catalogue.clocks
 
     @property
     def clock_maps(self) -> list[ClockMap]:
         """Maps from ticks to other clocks, where the file has them."""
-        if not self.catalogue.lists(("cMAp",)):
+        try:
+            return self.catalogue.clock_maps
+        except FalseIndexError:
             self.scan()
-        return self.catalogue.clock_maps
+            return self.catalogue.clock_maps
 
     def scan(self) -> None:
         """Walk through the whole file, so that every byte is checked."""
@@ -286,12 +292,18 @@ class Reader(Closing):
         *,
         band: Band = "full",
         exact: bool = True,
+        clocks: bool = True,
         progress: Callable[[int, int], None] | None = None,
     ) -> Recording:
         """The recording, or some of its channels, seconds [start, stop) and one band of it.
 
         ``channels`` as for :meth:`select`. ``exact``: also decode the float64 corrections, where
         the file has them. ``progress`` is called with (clusters done, clusters in all).
+
+        The clocks of a track refer to the first of the chosen channels that it holds. A part in
+        time has the observations at start <= time < stop; ticks and maps stay as they are.
+        ``clocks=False`` leaves clocks out. They may be anywhere in the file, so a part of a remote
+        file then needs fewer requests.
         """
         if band not in BANDS:
             raise ParameterError(f"band is one of {', '.join(BANDS)}")
@@ -305,10 +317,17 @@ class Reader(Closing):
             lost = self.lost
             events = self._events_between(self._layers, start, stop)
             self.lost = [*lost, *self.lost]
+        seen, maps = (self.clocks, self.clock_maps) if clocks else ([], [])
         if self.catalogue is not catalogue:
             # The index was false: other channels may be there.
-            return self.read(channels, start, stop, band=band, exact=exact, progress=progress)
+            return self.read(
+                channels, start, stop, band=band, exact=exact, clocks=clocks, progress=progress
+            )
         head = self.catalogue.head
+        own: dict[int | str | None, int] = {}
+        for place, ref in enumerate(chosen):
+            own.setdefault(ref.track.first_channel, place)
+        rates = [ref.track.rate for ref in chosen]
         return Recording(
             tuple(assembly.channel(ref) for ref in chosen),
             uuid=UUID(bytes=head.uuid) if head and head.uuid else None,
@@ -319,6 +338,8 @@ class Reader(Closing):
                 name: (found.media_type, found.content) for name, found in self.attachments.items()
             },
             events=events_of(events, self.catalogue.channels, chosen) if events else (),
+            clocks=tuple(observed_between(on_channels(seen, own), rates, start, stop)),
+            clock_maps=tuple(on_channels(maps, own)),
         )
 
     def assembly(

@@ -16,13 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..clocks import ClockObservation, by_clock, check_steps
 from ..codecs.events import EVENT_RATE, CodedEvent, build_event, coded, event_packets, layer_track
 from ..errors import ParameterError
 from ..format.cluster import Packet
-from ..format.extras import ClockMap, ClockObservation, build_clocks
 from ..format.track import Track
 from ..reading.clocks import fit_clock
-from ..recording import Event, spans_of
+from ..recording import NANOSECONDS, Event, spans_of
 from .filewriter import FileWriter
 
 PACKET_SAMPLES = 1 << 16
@@ -278,69 +278,62 @@ def code(event: Event, channel: int | None, rate: Fraction = EVENT_RATE) -> Code
     return found
 
 
-NANOSECONDS = Fraction(10**9)
-"""Ticks per second where an observation names no track."""
-
-
 class Observed:
-    """Observations on their way. Their ``track`` is a channel number until they are written: a
-    channel may have no track yet."""
+    """Observations that wait until they are written: a channel may have no track yet.
 
-    def __init__(self, *, maps: bool, before: Iterable[ClockObservation] = ()) -> None:
+    ``before``: those of the file that is appended to; ``tracks`` of its channels.
+    """
+
+    def __init__(
+        self,
+        *,
+        maps: bool,
+        before: Iterable[ClockObservation] = (),
+        tracks: Mapping[int | str | None, int] | None = None,
+    ) -> None:
         self.maps = maps
         """Whether maps are fitted at the end."""
         self.waiting: list[ClockObservation] = []
         self.kept: dict[tuple[str, int | None], array[int]] = {}
         """Tick, time and uncertainty of each, by clock and track: 24 bytes."""
-        self.keep(before)
+        for seen in before:
+            self.keep(seen, (tracks or {}).get(seen.channel))
 
     def add(self, seen: ClockObservation) -> None:
         self.waiting.append(seen)
 
-    def keep(self, found: Iterable[ClockObservation]) -> None:
-        for seen in found:
-            place = self.kept.setdefault((seen.clock, seen.track), array("q"))
-            place.extend((seen.tick, seen.time_ns, seen.uncertainty_ns))
+    def keep(self, seen: ClockObservation, track: int | None) -> None:
+        place = self.kept.setdefault((seen.clock, track), array("q"))
+        place.extend((seen.tick, seen.time_ns, seen.uncertainty_ns))
 
     def write(self, writer: FileWriter, tracks: Mapping[int, int]) -> None:
         """``tracks``: the first track of each channel that has one."""
         if not self.waiting:
             return
-        ready = []
-        for seen in self.waiting:
-            if seen.track is None:
-                ready.append(seen)
-            elif seen.track in tracks:
-                ready.append(replace(seen, track=tracks[seen.track]))
-        self.waiting = [s for s in self.waiting if s.track is not None and s.track not in tracks]
-        ready.sort(key=lambda seen: (seen.clock, -1 if seen.track is None else seen.track))
-        writer.clock(ready)
-        self.keep(ready)
+        known: dict[int | str | None, int | None] = dict(tracks.items())
+        known[None] = None
+        ready = [seen for seen in self.waiting if seen.channel in known]
+        self.waiting = [seen for seen in self.waiting if seen.channel not in known]
+        ready.sort(key=lambda s: (s.clock, s.channel if isinstance(s.channel, int) else -1))
+        for (clock, channel), own in by_clock(ready).items():
+            rows = ((seen.tick, seen.time_ns, seen.uncertainty_ns) for seen in own)
+            writer.clock(clock, known[channel], rows)
+            for seen in own:
+                self.keep(seen, known[channel])
 
-    def fitted(self, tracks: Mapping[int, Track]) -> tuple[list[ClockMap], list[str]]:
-        """A map for each clock and track where maps are asked for, and a note where there is
-        none."""
+    def write_maps(self, writer: FileWriter) -> list[str]:
+        """Maps for each clock and track where they are asked for, and notes where there is none."""
+        notes: list[str] = []
         if not self.maps:
-            return [], []
-        maps: list[ClockMap] = []
-        notes = []
+            return notes
         for (clock, track), flat in self.kept.items():
             rows = zip(flat[::3], flat[1::3], flat[2::3], strict=True)
-            rate = NANOSECONDS if track is None else tracks[track].rate
+            rate = NANOSECONDS if track is None else writer.tracks[track].rate
             try:
-                maps.append(fit_clock([ClockObservation(clock, track, *r) for r in rows], rate))
+                fitted = fit_clock([ClockObservation(clock, None, *row) for row in rows], rate)
+                check_steps(fitted)
             except ParameterError as error:
                 notes.append(f"no map of clock {clock!r}: {error.message}")
-        return maps, notes
-
-
-def observation(
-    clock: str, number: int | None, tick: int, time_ns: int, uncertainty_ns: int
-) -> ClockObservation:
-    """Checked; ParameterError where it cannot be written."""
-    numbers = (tick, time_ns, uncertainty_ns)
-    if not isinstance(clock, str) or not all(isinstance(n, int) for n in numbers):
-        raise ParameterError("a clock observation needs a name, an integer tick and integer times")
-    found = ClockObservation(clock, number, tick, time_ns, uncertainty_ns)
-    list(build_clocks([found]))
-    return found
+                continue
+            writer.clock_map(clock, track, fitted.points)
+        return notes

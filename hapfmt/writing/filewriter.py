@@ -8,7 +8,6 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from fractions import Fraction
-from itertools import groupby
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from ..errors import ParameterError
@@ -18,8 +17,7 @@ from ..format.extras import (
     INDEX_EVERY,
     INDEX_SIZE,
     Attachment,
-    ClockMap,
-    ClockObservation,
+    ClockRow,
     Foot,
     Index,
     IndexEntry,
@@ -237,16 +235,14 @@ class FileWriter:
     def attach(self, attachment: Attachment) -> None:
         self.chunk("aTTc", build_attachment(attachment))
 
-    def clock(self, observations: Sequence[ClockObservation]) -> None:
+    def clock(self, clock: str, track: int | None, rows: Iterable[ClockRow]) -> None:
         """cLOk chunks for observations, in order, as few as hold them."""
-        for (_, track), seen in groupby(observations, key=lambda seen: (seen.clock, seen.track)):
-            for payload in build_clocks(list(seen)):
-                self.chunk("cLOk", payload, NO_TRACK if track is None else track)
+        for payload in build_clocks(clock, rows):
+            self.chunk("cLOk", payload, NO_TRACK if track is None else track)
 
-    def clock_map(self, clock_map: ClockMap) -> None:
+    def clock_map(self, clock: str, track: int | None, points: Sequence[tuple[int, int]]) -> None:
         """A cMAp chunk."""
-        track = clock_map.track
-        self.chunk("cMAp", build_map(clock_map), NO_TRACK if track is None else track)
+        self.chunk("cMAp", build_map(clock, points), NO_TRACK if track is None else track)
 
     def cluster(self, packets: Iterable[Packet]) -> None:
         """DATA chunks for the packets of one stretch of time; several where one grows too large."""

@@ -21,13 +21,14 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..clocks import ClockObservation
 from ..encoder.live import Input
 from ..encoder.settings import Settings
 from ..errors import LimitError, ParameterError, unknown
 from ..limits import TICK_LIMIT
 from ..numbers import counted, exact
 from ..recording import Event
-from .clusters import ClusterGrid, SampleRows, code, observation
+from .clusters import ClusterGrid, SampleRows, code
 from .start import Options, Start
 from .worker import FileChannel, Item, SampleQueue, Worker
 
@@ -563,7 +564,7 @@ class Recorder:
         with self.turn:
             place = None if channel is None else self.lanes.place_of(channel)
             number = None if place is None else self.lanes.members[place].number
-            seen = observation(name, number, tick, time_ns, uncertainty_ns)
+            seen = ClockObservation(name, number, tick, time_ns, uncertainty_ns)
             self.queue.put(partial(self.worker.observed.add, seen), len(name))
 
     def fit_clocks(self) -> None:

@@ -16,11 +16,12 @@ from math import ceil
 from types import TracebackType
 from typing import Any, BinaryIO, Literal
 
+from ..clocks import ClockObservation
 from ..encoder.live import Input, LiveEncoder
 from ..encoder.settings import Settings
 from ..errors import HARMLESS, HapfmtError, ParameterError
 from ..format.cluster import Packet, parse_rows, parse_table_head, salvage_cluster
-from ..format.extras import ClockObservation, build_metadata
+from ..format.extras import build_metadata
 from ..format.source import ByteSource
 from ..format.track import Track, TrackTable, missing_channels, paired, parse_description
 from ..format.walk import Finding, read_chunk
@@ -355,6 +356,8 @@ class Start:
         """Channel numbers below the highest without a channel."""
         self.observed: list[ClockObservation] = []
         """Observations of the file that is appended to, where maps are asked for."""
+        self.observed_on: dict[int | str | None, int] = {}
+        """The first tracks of its channels."""
         if options.append:
             if not isinstance(file, (str, os.PathLike)):
                 raise ParameterError("a stream that is only written cannot be appended to")
@@ -362,7 +365,7 @@ class Start:
         else:
             self.create(file, inputs)
         layers = Layers(self.output.writer.tracks.values())
-        observed = Observed(maps=options.clock_maps, before=self.observed)
+        observed = Observed(maps=options.clock_maps, before=self.observed, tracks=self.observed_on)
         clusters = Clusters(options.cluster, options.patience)
         hold_s = None if options.hold is None else float(options.hold)
         self.worker = Worker(
@@ -435,6 +438,7 @@ class Start:
             self.written = dict(catalogue.metadata)
             if options.clock_maps:
                 self.observed = catalogue.clocks
+                self.observed_on = {ref.number: ref.track.id for ref in catalogue.channels}
             notes = catalogue.metadata.get("notes", [])
             self.notes = [note for note in notes if isinstance(note, str)]
             if found.note and found.note not in self.notes:

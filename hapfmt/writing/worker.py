@@ -278,9 +278,7 @@ class Worker:
         self.write_rest()
         self.describe_silent()
         self.observed.write(self.writer, self.first_tracks)
-        maps, self.notes = self.observed.fitted(self.writer.tracks)
-        for each in maps:
-            self.writer.clock_map(each)
+        self.notes = self.observed.write_maps(self.writer)
         metadata = closing()
         if metadata:
             self.writer.metadata(metadata)

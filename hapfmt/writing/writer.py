@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
+from itertools import groupby
 from typing import Any, BinaryIO, Literal
 
 from ..codecs.events import coded, event_packets, layer_track, rate_of
@@ -19,9 +20,15 @@ from ..encoder.settings import INPUT, INPUT_SIZE, Settings, alias_note, lossy_pr
 from ..errors import DataWarning, ParameterError, unknown
 from ..files import refuse, target
 from ..format.cluster import Packet
-from ..format.extras import Attachment, build_attachment, build_metadata
+from ..format.extras import (
+    Attachment,
+    build_attachment,
+    build_clocks,
+    build_map,
+    build_metadata,
+)
 from ..format.track import Track, build_track
-from ..format.wire import check_file_id
+from ..format.wire import NO_TRACK, check_file_id
 from ..limits import LEVELS
 from ..numbers import counted
 from ..reading.decoder import TrackDecoder, TrackDigest
@@ -190,14 +197,17 @@ def write(
     except (TypeError, AttributeError):
         raise ParameterError("attachments are {name: (media type, bytes)}") from None
     level = encoded.level
-    if max(len(payload) for payload in extras) > level.payload_size:
+    observed = clock_chunks(recording, encoded.tracks)
+    sizes = [len(payload) for payload in [*extras, *(payload for _, payload, _ in observed)]]
+    if max(sizes) > level.payload_size:
         level = LEVELS[2]
     cluster = settings.cluster_of(recording)
     layers, marks = layers_of(recording, len(encoded.tracks), cluster)
     tracks = [*encoded.tracks, *layers]
     own_uuid = recording.uuid or (uuid.uuid4() if canonical is None else None)
     if canonical == "content":
-        canonical = content_id(tracks, encoded.packets + marks, extras)
+        clocks = [b"%s %d %s" % (type_.encode(), id_, data) for type_, data, id_ in observed]
+        canonical = content_id(tracks, encoded.packets + marks, [*extras, *clocks])
     with target(file, force) as stream:
         out = FileWriter(
             stream,
@@ -212,6 +222,8 @@ def write(
             out.chunk(type_, payload)
         for packets in clusters(tracks, encoded.packets + marks, cluster):
             out.cluster(packets)
+        for chunk in observed:
+            out.chunk(*chunk)
         if settings.digest:
             out.digest(digests_of(encoded))
         out.close()
@@ -258,6 +270,27 @@ def layers_of(
         packets += event_packets(track.id, rows, seconds * track.rate)
         tracks.append(track)
     return tracks, packets
+
+
+def clock_chunks(recording: Recording, tracks: Sequence[Track]) -> list[tuple[str, bytes, int]]:
+    """cLOk and cMAp chunks: type, payload, and the first track of the channel."""
+    first: dict[int | str | None, int] = {None: NO_TRACK}
+    for track in tracks:
+        for number in track.channels:
+            first.setdefault(number, track.id)
+    chunks = [
+        ("cLOk", payload, first[channel])
+        for (clock, channel), seen in groupby(recording.clocks, lambda s: (s.clock, s.channel))
+        for payload in build_clocks(clock, ((s.tick, s.time_ns, s.uncertainty_ns) for s in seen))
+    ]
+    maps: dict[tuple[str, int], bytes] = {}
+    for one in recording.clock_maps:
+        payload, id_ = build_map(one.clock, one.points), first[one.channel]
+        if maps.setdefault((one.clock, id_), payload) != payload:
+            raise ParameterError(
+                f"two channels of one vector have different maps of clock {one.clock!r}; keep one"
+            )
+    return chunks + [("cMAp", payload, id_) for (_, id_), payload in maps.items()]
 
 
 def clusters(

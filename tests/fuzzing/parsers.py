@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import forge as f
 
+from hapfmt.clocks import ClockMap, ClockObservation
 from hapfmt.codecs.events import build_events, parse_events
 from hapfmt.codecs.knots import build_varints, parse_varints
 from hapfmt.format.cluster import Packet, build_cluster, parse_cluster, salvage_cluster
@@ -148,21 +149,23 @@ def events(data: bytes) -> None:
 
 def clock(data: bytes) -> None:
     found = settled(parse_clock, data, 3, AT)
-    if found is not None and len(found[0].clock.encode()) < 255:
-        parts = list(build_clocks(found))
-        assert [seen for part in parts for seen in parse_clock(part, 3, AT)] == found
+    if found is not None:
+        parts = list(build_clocks(found.clock, found.rows))
+        assert [row for part in parts for row in parse_clock(part, 3, AT).rows] == found.rows
         assert parts == [data] or len(parts) > 1
+        for row in found.rows:
+            ClockObservation(found.clock, 0, *row)
 
 
 def clock_map(data: bytes) -> None:
     found = settled(parse_map, data, None, AT)
     if found is None:
         return
-    if len(found.clock.encode()) < 255:
-        assert build_map(found) == data
+    assert build_map(found.clock, found.points) == data
+    whole = ClockMap(found.clock, 0, found.points)
     for tick, time_ns in found.points:
-        assert found.time_ns(tick) == time_ns
-        assert found.tick(time_ns) == tick
+        assert whole.time_ns(tick) == time_ns
+        assert whole.tick(time_ns) == tick
 
 
 def varints(data: bytes) -> None:

@@ -198,9 +198,9 @@ def layer_json(catalogue: Catalogue, layer: Track, events: list[CodedEvent]) -> 
 def clocks_json(catalogue: Catalogue) -> list[dict[str, Any]]:
     return [
         {
-            "track": seen[0].track,
-            "name": seen[0].clock,
-            "observations": [[s.tick, str(s.time_ns), str(s.uncertainty_ns)] for s in seen],
+            "track": seen.track,
+            "name": seen.clock,
+            "observations": [[tick, str(time), str(unsure)] for tick, time, unsure in seen.rows],
         }
         for seen in catalogue.parsed_clocks("cLOk", parse_clock)
     ]
