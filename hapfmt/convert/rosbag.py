@@ -41,7 +41,7 @@ def read(source: Source, options: ReadOptions) -> Import:
     if source.head.startswith(b"#ROSBAG"):
         return _read_bag(rosbag1.Reader(path), options, _bounded_chunks)
     if not path.suffix.lower() == ".db3":
-        raise ParameterError("this is not a ROS bag; give a .bag, a .db3, or a folder of a ROS 2 bag")
+        raise ParameterError("this is not a ROS bag; give a .bag, a .db3, or the folder of a bag")
     return _read_bag(rosbag2.Reader(path), options, _nothing)
 
 
