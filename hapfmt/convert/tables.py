@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..clocks import ClockObservation
+from ..clocks import ClockMap, ClockObservation
 from ..errors import LimitError, ParameterError
 from ..recording import Calibration, Channel, Event, Recording, Span, spans_at, unique
 from .common import CHANNEL_LIMIT, with_notes
@@ -108,6 +108,7 @@ class Import:
     events: tuple[Event, ...] = ()
     notes: tuple[str, ...] = ()
     clocks: tuple[ClockObservation, ...] = ()
+    clock_maps: tuple[ClockMap, ...] = ()
 
     @property
     def size(self) -> int:
@@ -162,6 +163,7 @@ class Import:
             attachments=dict(self.attachments),
             events=self.events,
             clocks=self.clocks,
+            clock_maps=self.clock_maps,
         )
 
     def recording(
@@ -252,4 +254,5 @@ def import_of(recording: Recording) -> Import:
         recording.events,
         tuple(notes if isinstance(notes, list) else [notes]),
         recording.clocks,
+        recording.clock_maps,
     )
