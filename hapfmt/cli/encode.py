@@ -353,7 +353,7 @@ def encode(
     cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
     from ..convert.tables import Import
-    from ..encoder.settings import Settings, lossy_preset, renamed
+    from ..encoder.settings import Settings, renamed
     from ..writing.importing import why_whole, write_import
     from ..writing.writer import write
 
@@ -369,10 +369,11 @@ def encode(
         source, input_format, max_memory, whole=why_whole(settings, canonical), labels=labels,
         unit=unit, **importing,
     ) as (found, code):  # fmt: skip
-        began = time.perf_counter()
         if isinstance(found, Import):
             recording = found.described()
             tell_import(found)
+            tell_lossy(recording)
+            began = time.perf_counter()
             with progress("encoding") as advance:
                 summary = write_import(
                     found,
@@ -387,8 +388,7 @@ def encode(
         else:
             recording = found
             tell_notes(recording)
-            if earlier := lossy_preset(recording.metadata.get("encoder")):
-                note(f"the input is already lossy ({earlier}); error bounds count from it")
+            tell_lossy(recording)
             for place, names in enumerate(vectors):
                 recording = with_vector(recording, names.split(","), f"vector {place + 1}")
             began = time.perf_counter()
@@ -409,6 +409,13 @@ def encode(
     elif target != "-":
         show(summary, target, seconds, recording, verbose=verbose)
     return code
+
+
+def tell_lossy(recording: Recording) -> None:
+    from ..encoder.settings import lossy_preset
+
+    if earlier := lossy_preset(recording.metadata.get("encoder")):
+        note(f"the input is already lossy ({earlier}); error bounds count from it")
 
 
 def with_vector(recording: Recording, names: list[str], group: str) -> Recording:

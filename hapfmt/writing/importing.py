@@ -58,7 +58,7 @@ WAITING = 64 << 20
 """Most bytes of samples that wait for their cluster. Above, clusters are written as they are."""
 
 CLUSTERS = 4
-"""So many clusters fit these bytes at least."""
+"""Clusters that fit these bytes at least."""
 
 SEEN = 24 << 20
 """Bytes of samples that are looked at before the form of floating point channels is chosen."""
@@ -167,7 +167,7 @@ class ImportedChannel:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of its samples here: native, and integers of up to 32 bits signed."""
+        """The dtype of its samples here: native, and integers of up to 32 bits are signed."""
         dtype = self.source.dtype
         if dtype.kind == "b" or (dtype.kind == "u" and dtype.itemsize < 4):
             return np.dtype(np.int32)
@@ -208,7 +208,7 @@ class ImportedChannel:
         return plan_input(self.input(bits=max(bits, 2)), self.counts_settings())
 
     def counts_settings(self) -> Settings:
-        """Of preset near-lossless an amount in counts, which is known without the samples."""
+        """The settings; those of near-lossless with an amount in counts, which needs no samples."""
         if self.settings.preset != "near-lossless" or self.known is None:
             return self.settings
         assert self.calibration is not None
@@ -480,7 +480,7 @@ class Importer:
             self.writer.chunk(type_, payload)
 
     def samples(self) -> dict[int, NDArray[Any]]:
-        """Of each channel the piece with the most distinct values, among some of those here."""
+        """For each channel the piece with the most distinct values, among some of those here."""
         found: dict[int, list[NDArray[Any]]] = {}
         for number in sorted(self.clusters.buckets):
             for piece in pieces_of(self.clusters.buckets[number].rows):
