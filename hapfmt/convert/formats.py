@@ -193,6 +193,10 @@ class Source(Closing):
     def close(self) -> None:
         self._opened.close()
 
+    def on_close(self, call: Callable[[], object]) -> None:
+        """Call this at the end, when the values have been read."""
+        self._opened.callback(call)
+
     @property
     def suffix(self) -> str:
         """In lower case, with the dot; "" where there is none."""
@@ -392,5 +396,14 @@ WAV = Format(
     writes=True,
     magic=((0, b"RIFF"), (0, b"RF64"), (0, b"RIFX")),
 )
-OURS = (NPZ, NPY, CSV, WAV)
+HDF5 = Format(
+    name="hdf5",
+    title="HDF5",
+    suffixes=(".h5", ".hdf5", ".hdf"),
+    module="hapfmt.convert.hdf5",
+    writes=True,
+    magic=((0, b"\x89HDF\r\n\x1a\n"),),
+    options=frozenset({"transpose", "select", "clock", "episode", "map", "keep_stamps"}),
+)
+OURS = (NPZ, NPY, CSV, WAV, HDF5)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
