@@ -74,6 +74,13 @@ ONLY_IN = {
     "hidraw": ("replay.sinks.hid",),
     "pandas": ("recording",),
     "xarray": ("recording",),
+    "rosbags": ("convert.ros_definitions", "convert.rosbag"),
+    "ruamel": ("convert.rosbag",),
+    "apsw": ("convert.rosbag",),
+    "mcap": ("convert.mcap",),
+    "zstandard": ("convert.mcap",),
+    "lz4": ("convert.mcap", "convert.rosbag"),
+    "pyarrow": ("convert.arrowtables", "convert.parquet", "convert.feather", "convert.lerobot"),
 }
 HEAVY = {
     "numpy",
@@ -93,6 +100,9 @@ HEAVY = {
     "aiohttp",
     "pandas",
     "xarray",
+    "rosbags",
+    "mcap",
+    "pyarrow",
 }
 
 

@@ -196,6 +196,24 @@ class TestParts:
         assert clocks_of(part(None, None, 1)) == ((SEEN[0], SEEN[5]), MAPS)
         assert [each.channel for each in part(["slow", "twin"]).clocks] == [1, 1, 1, 0, None]
 
+    def test_without_them_their_chunks_are_not_read(self, monkeypatch):
+        read = {}
+        for clocks in (True, False):
+            with hapfmt.Reader(self.DATA) as reader:
+                chunks = [ref.offset for ref in reader.catalogue.chunks if ref.type == "cLOk"]
+                places = []
+                kept = reader.source.read_at
+
+                def noted(at, size, kept=kept, places=places):
+                    places.append(range(at, at + size))
+                    return kept(at, size)
+
+                monkeypatch.setattr(reader.source, "read_at", noted)
+                found = reader.read("twin", 1, 2, clocks=clocks)
+                assert bool(found.clocks) is bool(found.clock_maps) is clocks
+                read[clocks] = [at for at in chunks if any(at in place for place in places)]
+        assert read == {True: chunks, False: []}
+
     def test_a_track_of_several_channels(self):
         """The ticks are those of the first of its channels that are read."""
         trio = replace(CLOCKED, channels=CLOCKED.channels[:2], clocks=SEEN[5:], clock_maps=())

@@ -8,6 +8,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
+from fnmatch import fnmatchcase
 from fractions import Fraction
 from itertools import accumulate
 from math import isfinite
@@ -50,6 +51,23 @@ def choose_rate(given: Fraction | None, found: Fraction | None, notes: list[str]
     if found is None:
         raise ParameterError("the file holds no rate; give one (rate=)")
     return found
+
+
+def selected(names: Sequence[str], patterns: Sequence[str], what: str) -> list[int]:
+    """Places of the names that a pattern fits, or of all where there are no patterns.
+    ParameterError for a pattern that fits none."""
+    if not patterns:
+        return list(range(len(names)))
+    for pattern in patterns:
+        if not any(fits(name, pattern) for name in names):
+            known = ", ".join(map(repr, dict.fromkeys(names[:20]))) or "none"
+            raise ParameterError(f"no {what} is called {pattern!r}; there are: {known}")
+    return [i for i, name in enumerate(names) if any(fits(name, p) for p in patterns)]
+
+
+def fits(name: str, pattern: str) -> bool:
+    """Itself, since a name may hold brackets, or as a pattern of the shell."""
+    return name == pattern or fnmatchcase(name, pattern)
 
 
 @contextmanager
@@ -228,11 +246,13 @@ __all__ = [
     "choose_rate",
     "exact_doubles",
     "extent",
+    "fits",
     "not_carried",
     "one_rate",
     "rate_from",
     "read_bytes",
     "refusing",
+    "selected",
     "unit_of",
     "with_notes",
 ]

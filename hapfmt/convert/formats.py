@@ -395,6 +395,7 @@ WAV = Format(
     module="hapfmt.convert.wav",
     writes=True,
     magic=((0, b"RIFF"), (0, b"RF64"), (0, b"RIFX")),
+    options=frozenset({"select"}),
 )
 HDF5 = Format(
     name="hdf5",
@@ -405,5 +406,75 @@ HDF5 = Format(
     magic=((0, b"\x89HDF\r\n\x1a\n"),),
     options=frozenset({"transpose", "select", "clock", "episode", "map", "keep_stamps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, HDF5)
+_TOPICS = frozenset({"select", "clock", "keep_stamps"})
+MCAP = Format(
+    name="mcap",
+    title="MCAP",
+    suffixes=(".mcap",),
+    module="hapfmt.convert.mcap",
+    magic=((0, b"\x89MCAP0\r\n"),),
+    options=_TOPICS,
+)
+ROSBAG = Format(
+    name="rosbag",
+    title="ROS 1 bag",
+    suffixes=(".bag",),
+    module="hapfmt.convert.rosbag",
+    magic=((0, b"#ROSBAG V"),),
+    options=_TOPICS,
+)
+ROS2 = Format(
+    name="ros2",
+    title="ROS 2 bag",
+    suffixes=(".db3",),
+    module="hapfmt.convert.rosbag",
+    folder="metadata.yaml",
+    options=_TOPICS,
+)
+FLAC = Format(
+    name="flac",
+    title="FLAC",
+    suffixes=(".flac",),
+    module="hapfmt.convert.flac",
+    writes=True,
+    magic=((0, b"fLaC"),),
+    options=frozenset({"select"}),
+)
+EDF = Format(
+    name="edf",
+    title="EDF",
+    suffixes=(".edf",),
+    module="hapfmt.convert.edf",
+    writes=True,
+    magic=((0, b"0       "),),
+    options=frozenset({"select"}),
+)
+BDF = Format(
+    name="bdf",
+    title="BDF",
+    suffixes=(".bdf",),
+    module="hapfmt.convert.bdf",
+    writes=True,
+    magic=((0, b"\xffBIOSEMI"),),
+    options=frozenset({"select"}),
+)
+PARQUET = Format(
+    name="parquet",
+    title="Parquet",
+    suffixes=(".parquet", ".pq"),
+    module="hapfmt.convert.parquet",
+    writes=True,
+    magic=((0, b"PAR1"),),
+    options=frozenset({"select", "clock", "keep_stamps"}),
+)
+FEATHER = Format(
+    name="feather",
+    title="Feather",
+    suffixes=(".feather", ".arrow"),
+    module="hapfmt.convert.feather",
+    writes=True,
+    magic=((0, b"ARROW1"), (0, b"FEA1")),
+    options=frozenset({"select", "clock", "keep_stamps"}),
+)
+OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, PARQUET, FEATHER, HDF5)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""

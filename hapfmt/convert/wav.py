@@ -14,23 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LimitError, MissingExtraError, ParameterError
+from ..limits import TICK_LIMIT
 from ..recording import Calibration, Channel, Recording
-from .common import (
-    Dense,
-    choose_rate,
-    extent,
-    not_carried,
-    one_rate,
-    refusing,
-    with_notes,
-)
+from .common import Dense, choose_rate, extent, not_carried, one_rate, refusing, selected
 from .formats import Destination, ReadOptions, Source, WriteOptions
+from .tables import Import, ImportBlock, ImportColumn, ImportTable
 
-_PCM: dict[str, tuple[int, np.dtype[Any], int]] = {
+PCM: dict[str, tuple[int, np.dtype[Any], int]] = {
     "PCM_U8": (8, np.dtype(np.int16), 8),
     "PCM_16": (16, np.dtype(np.int16), 0),
     "PCM_24": (24, np.dtype(np.int32), 8),
     "PCM_32": (32, np.dtype(np.int32), 0),
+    "PCM_S8": (8, np.dtype(np.int16), 8),
 }
 """Bits of a count; the dtype that soundfile hands over, and how far up it is shifted there."""
 _FLOAT = ("FLOAT", "DOUBLE")
@@ -83,31 +78,57 @@ class _Guarded:
         return self._kept(self._stream.tell, otherwise=0)
 
 
-def read(source: Source, options: ReadOptions) -> Recording:
+def read(source: Source, options: ReadOptions) -> Import:
     """PCM of b bits -> counts with the calibration 1 / 2**(b - 1); float -> doubles, NaN is a gap.
 
     Channels are labelled ch1, ch2 ...
     """
-    max_memory, stream = options.max_memory, source.stream
+    stream = source.stream
     _check_chunks(stream)
-    with _opened(stream, "r") as file:
-        if file.subtype not in (*_PCM, *_FLOAT):
-            raise ParameterError(f"{file.subtype} samples are not read; PCM and float are")
-        notes: list[str] = []
-        hertz = choose_rate(options.rate, Fraction(file.samplerate), notes)
-        if file.subtype in _FLOAT:
-            x = _samples(file, np.dtype(np.float64), max_memory)
-            channels = [Channel.from_physical(column, hertz) for column in x.T]
-        else:
-            bits, dtype, shift = _PCM[file.subtype]
-            counts = _samples(file, dtype, max_memory) >> shift
-            calibration = Calibration(1, 0, 1 << (bits - 1))
-            channels = [
-                Channel(np.ascontiguousarray(column), hertz, calibration=calibration)
-                for column in counts.T
-            ]
-    labelled = (replace(c, label=f"ch{number}") for number, c in enumerate(channels, start=1))
-    return Recording(tuple(labelled), metadata=with_notes({}, notes))
+    return sound_of(stream, ".wav", options)
+
+
+def sound_of(
+    stream: BinaryIO,
+    suffix: str,
+    options: ReadOptions,
+    described: Callable[[str, int], tuple[Fraction, list[ImportColumn]] | None] | None = None,
+) -> Import:
+    """The channels of a sound file, one table. ``described`` gives the rate and the columns
+    that a comment of ours tells, of a number of channels."""
+    notes: list[str] = []
+    with opened(stream, "r", suffix) as file:
+        subtype, count, frames = file.subtype, file.channels, file.frames
+        comment = file.comment
+        if subtype not in PCM and subtype not in _FLOAT:
+            raise ParameterError(f"{subtype} samples are not read; PCM and float are")
+        found = Fraction(file.samplerate)
+    if frames > TICK_LIMIT:
+        raise ParameterError(f"the header counts no samples; write the {suffix} file again")
+    bits, dtype, shift = PCM.get(subtype, (0, np.dtype(np.float64), 0))
+    calibration = Calibration(1, 0, 1 << (bits - 1)) if bits else None
+    labelled = [
+        ImportColumn(f"ch{number}", calibration=calibration) for number in range(1, count + 1)
+    ]
+    rate, columns = (described and described(comment, count)) or (found, labelled)
+    kept = selected([column.label for column in columns], options.select, "channel")
+
+    def blocks() -> Iterator[ImportBlock]:
+        stream.seek(0)
+        done = 0
+        at_once = max(1, _VALUES_AT_ONCE // count)
+        with opened(stream, "r", suffix) as file:
+            while done < frames and len(x := file.read(at_once, dtype=dtype.name, always_2d=True)):
+                x = x[: frames - done]
+                yield ImportBlock(
+                    0, done, [x[:, place] >> shift if bits else x[:, place] for place in kept]
+                )
+                done += len(x)
+
+    chosen = tuple(replace(columns[place], dtype=dtype) for place in kept)
+    rate = choose_rate(options.rate, rate, notes)
+    table = ImportTable("sound", chosen, rate, frames, kind=subtype)
+    return Import((table,), blocks, notes=tuple(notes))
 
 
 def write(recording: Recording, target: Destination, options: WriteOptions) -> list[str]:
@@ -116,31 +137,54 @@ def write(recording: Recording, target: Destination, options: WriteOptions) -> l
     rate = one_rate(recording, ".wav")
     if rate.denominator != 1 or rate >= 1 << 31:
         raise ParameterError(f".wav holds whole rates below 2^31 Hz, not {rate} Hz; use .npz")
-    subtype = _subtype(recording.channels)
+    subtype = subtype_of(recording.channels)
     count = len(recording.channels)
     if subtype == "DOUBLE":
         dense = Dense(recording.channels, ".wav", max_memory)
         frames, size = dense.frames(), 8 * count * dense.ticks
     else:
-        _check_pcm(recording.channels, subtype)
-        frames = _pcm_frames(recording.channels, subtype)
-        size = _PCM[subtype][1].itemsize * recording.sample_count
+        check_pcm(recording.channels, subtype)
+        frames = pcm_frames(recording.channels, subtype)
+        size = PCM[subtype][1].itemsize * recording.sample_count
     if size > _SIZE_LIMIT:
         raise ParameterError(f".wav holds at most {_SIZE_LIMIT} bytes of samples; use .npz")
+    write_sound(
+        stream,
+        frames,
+        size,
+        max_memory,
+        ".wav",
+        samplerate=int(rate),
+        channels=count,
+        format="WAV",
+        subtype=subtype,
+    )
+    return _notes(recording, subtype)
+
+
+def write_sound(
+    stream: BinaryIO,
+    frames: Iterator[NDArray[Any]],
+    size: int,
+    max_memory: int,
+    suffix: str,
+    comment: str = "",
+    **described: Any,
+) -> None:
+    """A sound file of ``size`` bytes at most; a stream that cannot seek takes them at once."""
     out = stream if stream.seekable() and stream.tell() == 0 else BytesIO()
     if out is not stream and size > max_memory:
         raise LimitError(
             f"the samples take {size} bytes, and a pipe takes them at once; allow more than "
             f"{max_memory} (max_memory=) or write to a file"
         )
-    with _opened(
-        out, "w", samplerate=int(rate), channels=count, format="WAV", subtype=subtype
-    ) as file:
+    with opened(out, "w", suffix, **described) as file:
+        if comment:
+            file.comment = comment
         for block in frames:
             file.write(np.ascontiguousarray(block))
     if out is not stream and isinstance(out, BytesIO):
         stream.write(out.getbuffer())
-    return _notes(recording, subtype)
 
 
 def _notes(recording: Recording, subtype: str) -> list[str]:
@@ -152,20 +196,20 @@ def _notes(recording: Recording, subtype: str) -> list[str]:
     return notes + not_carried(recording, ".wav", *carried)
 
 
-def _subtype(channels: Sequence[Channel]) -> str:
+def subtype_of(channels: Sequence[Channel]) -> str:
     """The PCM whose scaling is the calibration of every channel, or DOUBLE."""
     if any(channel.exact is not None for channel in channels):
         return "DOUBLE"
     calibrations = {channel.calibration for channel in channels}
-    for subtype, (bits, _, _) in _PCM.items():
+    for subtype, (bits, _, _) in PCM.items():
         if calibrations == {Calibration(1, 0, 1 << (bits - 1))}:
             return subtype
     return "DOUBLE"
 
 
-def _check_pcm(channels: Sequence[Channel], subtype: str) -> None:
+def check_pcm(channels: Sequence[Channel], subtype: str) -> None:
     """Refuse what PCM cannot hold."""
-    bits, _, _ = _PCM[subtype]
+    bits, _, _ = PCM[subtype]
     first = channels[0]
     for channel in channels:
         if len(channel.coverage) > 1 or channel.coverage != first.coverage:
@@ -179,38 +223,22 @@ def _check_pcm(channels: Sequence[Channel], subtype: str) -> None:
             )
 
 
-def _pcm_frames(channels: Sequence[Channel], subtype: str) -> Iterator[NDArray[Any]]:
+def pcm_frames(channels: Sequence[Channel], subtype: str) -> Iterator[NDArray[Any]]:
     """[ticks, channels] counts, slice by slice, shifted to the top of the dtype that soundfile
     takes."""
-    _, dtype, shift = _PCM[subtype]
+    _, dtype, shift = PCM[subtype]
     at_once = max(1, _VALUES_AT_ONCE // len(channels))
     for at in range(0, channels[0].stored.size, at_once):
         parts = [channel.stored[at : at + at_once].astype(dtype) << shift for channel in channels]
         yield np.stack(parts, axis=1)
 
 
-def _samples(file: Any, dtype: np.dtype[Any], max_memory: int) -> NDArray[Any]:
-    """[frames, channels], in memory that grows with the samples that are there."""
-    blocks = [np.empty((0, file.channels), dtype)]
-    size = 0
-    at_once = max(1, _VALUES_AT_ONCE // file.channels)
-    while len(block := file.read(at_once, dtype=dtype.name, always_2d=True)):
-        size += block.nbytes
-        if size > max_memory:
-            raise LimitError(
-                f"the samples take more than the {max_memory} bytes allowed; allow more "
-                "(max_memory=)"
-            )
-        blocks.append(block)
-    return np.concatenate(blocks)
-
-
 @contextmanager
-def _opened(stream: BinaryIO, mode: str, **described: Any) -> Iterator[Any]:
+def opened(stream: BinaryIO, mode: str, suffix: str, **described: Any) -> Iterator[Any]:
     """A soundfile on a stream; what goes wrong in it, or below it, is raised here."""
     soundfile = _soundfile()
     guarded = _Guarded(stream)
-    what = "this is no .wav file" if mode == "r" else "this cannot be written as .wav"
+    what = f"this is no {suffix} file" if mode == "r" else f"this cannot be written as {suffix}"
     try:
         with (
             refusing(what, soundfile.SoundFileError, TypeError),

@@ -6,7 +6,7 @@ It learns one chunk after another as they are found. It decodes nothing and does
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
@@ -30,7 +30,7 @@ from ..format.extras import (
 )
 from ..format.source import ByteSource
 from ..format.track import Contract, Track, TrackTable, described_size, parse_description
-from ..format.walk import Chunk, Finding, header_at, read_chunk
+from ..format.walk import Chunk, Finding, read_chunk
 from ..format.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
 from ..limits import LEVELS, Level, Limits
 
@@ -259,26 +259,31 @@ class Catalogue:
 
     def each_attachment(self) -> Iterator[tuple[Attachment, int]]:
         """One after the other, and the offset of its payload."""
-        for ref in [ref for ref in self.chunks if ref.type == "aTTc"]:
+        for chunk in self.intact_chunks("aTTc"):
+            at = chunk.payload_offset
+            try:
+                attachment = parse_attachment(chunk.payload, at)
+            except FormatError as error:
+                if not self.damaged:
+                    raise
+                size, rule = chunk.stop - chunk.offset, error.requirement or "ATT-001"
+                self.lose("bad-chunk", chunk.offset, size, f"aTTc chunk: {error.message}", rule)
+                continue
+            yield attachment, at
+
+    def intact_chunks(self, type_: str) -> Iterator[Chunk]:
+        """One after the other; FalseIndexError where an index lies."""
+        for ref in [ref for ref in self.chunks if ref.type == type_]:
             chunk = read_chunk(self.source, ref.offset, self.file_id)
             if ref.limit is not None:
                 ref.checked(chunk.header if chunk else None)
             if chunk is not None and ref.limit is not None and not chunk.intact:
-                message = "checksum error in the payload of an aTTc chunk"
+                message = f"checksum error in the payload of the {type_} chunk"
                 self.lose(
                     "bad-payload", ref.offset, len(chunk.payload) + HEADER_SIZE, message, "CHK-003"
                 )
             if chunk is not None and chunk.intact and chunk.header.known:
-                at = chunk.payload_offset
-                try:
-                    attachment = parse_attachment(chunk.payload, at)
-                except FormatError as error:
-                    if not self.damaged:
-                        raise
-                    size, rule = chunk.stop - chunk.offset, error.requirement or "ATT-001"
-                    self.lose("bad-chunk", chunk.offset, size, f"aTTc chunk: {error.message}", rule)
-                    continue
-                yield attachment, at
+                yield chunk
 
     @cached_property
     def clocks(self) -> list[ClockObservation]:
@@ -312,10 +317,7 @@ class Catalogue:
         self, type_: str, parse: Callable[[bytes, int | None, int], T]
     ) -> Iterator[T]:
         """Parsed payloads of intact chunks; in a damaged file, a broken rule counts as damage."""
-        for ref in self.chunks:
-            chunk = read_chunk(self.source, ref.offset) if ref.type == type_ else None
-            if chunk is None or not chunk.intact or not chunk.header.known:
-                continue
+        for chunk in self.intact_chunks(type_):
             self.metadata_size += len(chunk.payload)
             self.limits.check("metadata", self.metadata_size, chunk.payload_offset)
             try:
@@ -337,17 +339,6 @@ class Catalogue:
                 f"a clock on the ticks of track {id_}", requirement="CLK-005", offset=chunk.offset
             )
         return None if id_ == NO_TRACK else id_
-
-    def lists(self, types: Collection[str]) -> bool:
-        """Whether chunks of these types are at all places that an index lists (IDX-003)."""
-        if not self.indexed:
-            return True
-        for ref in self.chunks:
-            if ref.type in types:
-                header = header_at(self.source, ref.offset, self.file_id)
-                if header is None or header.type != ref.type:
-                    return False
-        return True
 
     def lose(self, code: str, offset: int, size: int, message: str, requirement: str) -> None:
         """Note a damage, once."""

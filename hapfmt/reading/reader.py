@@ -232,16 +232,20 @@ class Reader(Closing):
     def clocks(self) -> list[ClockObservation]:
         """Observations of other clocks, in the order of the file. The ticks of a track of several
         channels are those of its first channel."""
-        if not self.catalogue.lists(("cLOk",)):
+        try:
+            return self.catalogue.clocks
+        except FalseIndexError:
             self.scan()
-        return self.catalogue.clocks
+            return self.catalogue.clocks
 
     @property
     def clock_maps(self) -> list[ClockMap]:
         """Maps from ticks to other clocks, where the file has them."""
-        if not self.catalogue.lists(("cMAp",)):
+        try:
+            return self.catalogue.clock_maps
+        except FalseIndexError:
             self.scan()
-        return self.catalogue.clock_maps
+            return self.catalogue.clock_maps
 
     def scan(self) -> None:
         """Walk through the whole file, so that every byte is checked."""
@@ -288,6 +292,7 @@ class Reader(Closing):
         *,
         band: Band = "full",
         exact: bool = True,
+        clocks: bool = True,
         progress: Callable[[int, int], None] | None = None,
     ) -> Recording:
         """The recording, or some of its channels, seconds [start, stop) and one band of it.
@@ -297,6 +302,8 @@ class Reader(Closing):
 
         The clocks of a track refer to the first of the chosen channels that it holds. A part in
         time has the observations at start <= time < stop; ticks and maps stay as they are.
+        ``clocks=False`` leaves clocks out. They may be anywhere in the file, so a part of a remote
+        file then needs fewer requests.
         """
         if band not in BANDS:
             raise ParameterError(f"band is one of {', '.join(BANDS)}")
@@ -310,10 +317,12 @@ class Reader(Closing):
             lost = self.lost
             events = self._events_between(self._layers, start, stop)
             self.lost = [*lost, *self.lost]
-        seen, maps = self.clocks, self.clock_maps
+        seen, maps = (self.clocks, self.clock_maps) if clocks else ([], [])
         if self.catalogue is not catalogue:
             # The index was false: other channels may be there.
-            return self.read(channels, start, stop, band=band, exact=exact, progress=progress)
+            return self.read(
+                channels, start, stop, band=band, exact=exact, clocks=clocks, progress=progress
+            )
         head = self.catalogue.head
         own: dict[int | str | None, int] = {}
         for place, ref in enumerate(chosen):
