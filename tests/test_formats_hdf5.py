@@ -582,7 +582,7 @@ def survival(heading: str) -> dict[str, tuple[str, str]]:
     part = PAGE.partition(heading)[2].partition("\n## ")[0]
     rows = re.findall(r"^\| (.+?) \| (.*?) \| (.*?)\|$", part, re.M)
     return {
-        what: (kept, note.strip())
+        what: (kept, note.strip().strip("`"))
         for what, kept, note in rows
         if kept.partition(":")[0] in ("exact", "no")
     }
