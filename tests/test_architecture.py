@@ -57,6 +57,7 @@ ONLY_IN = {
     "construct": ("format.layout",),
     "msgspec": (
         "descriptions",
+        "convert.maps",
         "writing.streams",
         "replay.profile.parse",
         "lab.scenes.description",
@@ -66,12 +67,19 @@ ONLY_IN = {
     ),
     "matplotlib": tuple(name for name in MODULES if name.startswith("lab.plotting.")),
     "soundfile": ("convert.wav",),
+    "h5py": ("convert.hdf5_files",),
     "fsspec": ("format.source",),
     "sounddevice": ("lab.study.outputs",),
     "hid": ("replay.sinks.hid",),
     "hidraw": ("replay.sinks.hid",),
     "pandas": ("recording",),
     "xarray": ("recording",),
+    "rosbags": ("convert.ros_definitions", "convert.rosbag"),
+    "ruamel": ("convert.rosbag",),
+    "apsw": ("convert.rosbag",),
+    "mcap": ("convert.mcap",),
+    "zstandard": ("convert.mcap",),
+    "lz4": ("convert.mcap", "convert.rosbag"),
     "pyarrow": ("convert.arrowtables", "convert.parquet", "convert.feather", "convert.lerobot"),
 }
 HEAVY = {
@@ -83,6 +91,7 @@ HEAVY = {
     "rich",
     "matplotlib",
     "soundfile",
+    "h5py",
     "sounddevice",
     "hid",
     "hidraw",
@@ -91,6 +100,8 @@ HEAVY = {
     "aiohttp",
     "pandas",
     "xarray",
+    "rosbags",
+    "mcap",
     "pyarrow",
 }
 
