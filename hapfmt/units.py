@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 
 from .errors import DataWarning, ParameterError, similar
@@ -48,6 +48,9 @@ _ANNOTATION = r"\{[!-z|~]+\}"
 _ATOM = rf"(?:(?:{_any_of(_PREFIXES)})?(?:{_any_of(_METRIC)})|{_any_of(_FIXED)})"
 _COMPONENT = rf"(?:{_ATOM}(?:[+-]?[1-9][0-9]?)?{_NOTE}?|1|{_NOTE}|{_GROUP})"
 _TERM = re.compile(rf"/?{_COMPONENT}(?:[./]{_COMPONENT})*")
+_POWER = re.compile(
+    rf"(?:({_any_of(_PREFIXES)})?({_any_of(_METRIC)})|({_any_of(_FIXED)}))([+-]?[1-9][0-9]?)?"
+)
 _FACTOR = re.compile(r"([./]?)([^./0-9+-]+|1)([+-]?[0-9]*)")
 _PREFIXED = re.compile(rf"({_any_of(_PREFIXES)})({_any_of(_METRIC)})")
 _TORQUE = re.compile(rf"((?:{_any_of(_PREFIXES)})?N)((?:{_any_of(_PREFIXES)})?m|s)")
@@ -100,6 +103,37 @@ _SPELLINGS = {
 _WORDS = {word: code for code, words in _SPELLINGS.items() for word in words.split()}
 _WHOLE = {**_WORDS, "": "1", "n/a": "1", "rpm": "{rev}/min"}
 """Spellings of a whole text only: a code with a slash cannot follow another slash."""
+
+_UDUNITS = {
+    "Ohm": "ohm",
+    "By": "byte",
+    "t": "tonne",
+    "%": "percent",
+    "deg": "degree",
+    "'": "arc_minute",
+    "''": "arc_second",
+    "[g]": "gravity",
+    "[psi]": "psi",
+    "[lbf_av]": "lbf",
+    "[lb_av]": "lb",
+    "[in_i]": "international_inch",
+    "[ft_i]": "international_foot",
+    "[mi_i]": "international_mile",
+    "[ppm]": "ppm",
+    "[ppb]": "ppb",
+    "[ppth]": "(1e-3)",
+    "[pi]": "pi",
+    "[arb'U]": "1",
+    "Cel": "K",
+    "[degF]": "degR",
+    "{rev}": "revolution",
+    **dict.fromkeys(("{count}", "{digit}", "{lsb}", "{pulse}", "{sample}", "{step}"), "count"),
+}
+"""UDUNITS names of the atoms that have another one there; of temperatures, that of a difference."""
+_UDUNITS_ALONE = {"Cel": "degC", "[degF]": "degF"}
+"""Names of a whole unit: these count from another zero."""
+_COLUMNS = {"m[Hg]": ("mmHg", -3), "m[H2O]": ("cmH2O", -2)}
+"""Columns of a liquid: the one prefix that UDUNITS has, and its power of ten."""
 
 _TYPO_CUTOFF = 0.75
 """Similarity of a mistyped spelling to the one that is meant."""
@@ -198,6 +232,57 @@ def conversion(given: str, wanted: str) -> Fraction | None:
         return Fraction(1)
     (power, one), (other_power, other) = _reduced(given), _reduced(wanted)
     return Fraction(10) ** (power - other_power) if one == other else None
+
+
+def to_udunits(text: str) -> str | None:
+    """The UDUNITS text of a unit, as the CF conventions want it; None where UDUNITS has none, as
+    for dB/m. Free text becomes the unit 1.
+
+    >>> [to_udunits(code) for code in ("N.m", "m/s2", "Cel", "Cel/s", "mm[Hg]", "{count}", "dB")]
+    ['N m', 'm s-2', 'degC', 'K s-1', 'mmHg', 'count', '0.1 lg(re 1)']
+    """
+    factors = list(_factors(to_ucum(text)))
+    alone = len(factors) == 1 and factors[0][2] == 1
+    parts = []
+    for prefix, atom, exponent in factors:
+        power = _SCALES[prefix] if prefix else 0
+        if atom == "B":
+            if not alone:
+                return None
+            name = f"{_ten(power)} lg(re 1)" if power else "lg(re 1)"
+        elif atom in _COLUMNS:
+            name, own = _COLUMNS[atom]
+            if power != own or exponent != 1:
+                name = f"({name})" if power == own else f"({_ten(power - own)} {name})"
+        else:
+            name = prefix + ((alone and _UDUNITS_ALONE.get(atom)) or _UDUNITS.get(atom, atom))
+        if name != "1":
+            parts.append(name if exponent == 1 else f"{name}{exponent}")
+    return " ".join(parts) or "1"
+
+
+def _ten(power: int) -> str:
+    return "0.1" if power == -1 else f"1e{power}"
+
+
+def _factors(code: str) -> Iterator[tuple[str, str, int]]:
+    """Prefix, atom and exponent of each factor of a code, as it is read from left to right. An
+    annotation is a factor where there is no atom before it, and one of the known spellings."""
+    signs, sign, before = [1], 1, "."
+    for token in re.findall(r"\{[^{}]*\}|[()./]|[^(){}./]+", code):
+        if token in "./":
+            sign = 1 if token == "." else -1
+        elif token == "(":
+            signs.append(signs[-1] * sign)
+            sign = 1
+        elif token == ")":
+            signs.pop()
+        elif not token.startswith("{"):
+            if (found := _POWER.fullmatch(token)) is not None:
+                yield found[1] or "", found[2] or found[3], signs[-1] * sign * int(found[4] or 1)
+        elif before in "./(" and token in _UDUNITS:
+            yield "", token, signs[-1] * sign
+        before = token
 
 
 def _reduced(code: str) -> tuple[int, list[tuple[str, int]]]:
