@@ -1033,7 +1033,8 @@ class Recording:
                     f"hapfmt.{kind.__name__}{advice if name == 'channels' else ''}"
                 )
             object.__setattr__(self, name, found)
-        self._place_clocks()
+        if self.clocks or self.clock_maps:
+            self._place_clocks()
         if self.epoch_ns is not None:
             object.__setattr__(self, "epoch_ns", _whole_ns(self.epoch_ns, "epoch_ns"))
             if not -EPOCH_LIMIT <= self.epoch_ns < EPOCH_LIMIT:

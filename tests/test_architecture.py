@@ -72,6 +72,7 @@ ONLY_IN = {
     "hidraw": ("replay.sinks.hid",),
     "pandas": ("recording",),
     "xarray": ("recording",),
+    "pyarrow": ("convert.arrowtables", "convert.parquet", "convert.feather", "convert.lerobot"),
 }
 HEAVY = {
     "numpy",
@@ -90,6 +91,7 @@ HEAVY = {
     "aiohttp",
     "pandas",
     "xarray",
+    "pyarrow",
 }
 
 

@@ -325,7 +325,6 @@ MAGIC = b"\x8fHAP"
 _LOADERS = {
     **dict.fromkeys((".h5", ".hdf", ".hdf5"), "h5py.File"),
     ".mat": "scipy.io.loadmat (h5py.File for version 7.3)",
-    ".parquet": "pandas.read_parquet",
     ".xls": "pandas.read_excel",
     ".xlsx": "pandas.read_excel",
 }

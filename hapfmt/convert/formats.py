@@ -420,5 +420,23 @@ BDF = Format(
     magic=((0, b"\xffBIOSEMI"),),
     options=frozenset({"select"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, FLAC, EDF, BDF)
+PARQUET = Format(
+    name="parquet",
+    title="Parquet",
+    suffixes=(".parquet", ".pq"),
+    module="hapfmt.convert.parquet",
+    writes=True,
+    magic=((0, b"PAR1"),),
+    options=frozenset({"select", "clock", "keep_stamps"}),
+)
+FEATHER = Format(
+    name="feather",
+    title="Feather",
+    suffixes=(".feather", ".arrow"),
+    module="hapfmt.convert.feather",
+    writes=True,
+    magic=((0, b"ARROW1"), (0, b"FEA1")),
+    options=frozenset({"select", "clock", "keep_stamps"}),
+)
+OURS = (NPZ, NPY, CSV, WAV, FLAC, EDF, BDF, PARQUET, FEATHER)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""

@@ -336,7 +336,7 @@ def _channels(
         found, ticks_at, epoch_ns = grid.rate, grid.ticks, grid.epoch_ns
         notes += grid.notes
         for note in grid.notes:
-            warnings.warn(note, MovedTimesWarning, stacklevel=6)
+            warnings.warn(note, MovedTimesWarning, stacklevel=7)
     hertz = choose_rate(rate, found, notes)
     if times is not None and ticks_at is None:
         notes += _times_notes(times, hertz, ticks, starts[0])

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..clocks import ClockMap, ClockObservation
 from ..errors import LimitError, ParameterError
 from ..recording import Calibration, Channel, Event, Recording, Span, spans_at, unique
 from .common import CHANNEL_LIMIT, with_notes
@@ -106,6 +107,8 @@ class Import:
     attachments: Mapping[str, tuple[str, bytes]] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     notes: tuple[str, ...] = ()
+    clocks: tuple[ClockObservation, ...] = ()
+    clock_maps: tuple[ClockMap, ...] = ()
 
     @property
     def size(self) -> int:
@@ -153,6 +156,8 @@ class Import:
             metadata=with_notes(metadata, self.all_notes),
             attachments=dict(self.attachments),
             events=self.events,
+            clocks=self.clocks,
+            clock_maps=self.clock_maps,
         )
 
     def recording(
@@ -242,4 +247,6 @@ def import_of(recording: Recording) -> Import:
         recording.attachments,
         recording.events,
         tuple(notes if isinstance(notes, list) else [notes]),
+        recording.clocks,
+        recording.clock_maps,
     )

@@ -10,9 +10,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
+from itertools import groupby
 from typing import Any, BinaryIO, Literal
 
-from ..clocks import by_clock
 from ..codecs.events import coded, event_packets, layer_track, rate_of
 from ..convert import refuse_foreign
 from ..encoder.encode import Decision, Encoded, encode
@@ -280,7 +280,7 @@ def clock_chunks(recording: Recording, tracks: Sequence[Track]) -> list[tuple[st
             first.setdefault(number, track.id)
     chunks = [
         ("cLOk", payload, first[channel])
-        for (clock, channel), seen in by_clock(recording.clocks).items()
+        for (clock, channel), seen in groupby(recording.clocks, lambda s: (s.clock, s.channel))
         for payload in build_clocks(clock, ((s.tick, s.time_ns, s.uncertainty_ns) for s in seen))
     ]
     maps: dict[tuple[str, int], bytes] = {}
