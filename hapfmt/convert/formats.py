@@ -402,6 +402,14 @@ FLAC = Format(
     magic=((0, b"fLaC"),),
     options=frozenset({"select"}),
 )
+XDF = Format(
+    name="xdf",
+    title="XDF",
+    suffixes=(".xdf", ".xdfz"),
+    module="hapfmt.convert.xdf",
+    magic=((0, b"XDF:"),),
+    options=frozenset({"select", "episode", "keep_stamps"}),
+)
 EDF = Format(
     name="edf",
     title="EDF",
@@ -438,5 +446,5 @@ FEATHER = Format(
     magic=((0, b"ARROW1"), (0, b"FEA1")),
     options=frozenset({"select", "clock", "keep_stamps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, FLAC, EDF, BDF, PARQUET, FEATHER)
+OURS = (NPZ, NPY, CSV, WAV, FLAC, EDF, BDF, XDF, PARQUET, FEATHER)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
