@@ -65,8 +65,15 @@ _BURST_ROWS, _NUMBERED_BURST_ROWS = 24, 512
 """Rows that may come together, twice those of a usual burst; and where their numbers are known."""
 _WANDERING = 0.25
 """Ticks by which a clock may leave a straight line before its course is followed."""
-_FIRST_ROWS, _PIECES = 256, 9
-"""Rows of a short piece, and as many pieces from which the first period is taken."""
+_PIECE_ROWS, _PIECES = 2048, 7
+"""Rows of a piece, and as many pieces from which the first period is taken."""
+_SURE = 15
+"""The power of a period in units of that of random rows, beyond its mean: they reach it in one of
+30 recordings, and less often where there are less pieces."""
+_FINE_BINS, _PADDING = 8, 4
+"""Bins of a period, and how much finer than the resolution of a piece its periodogram is."""
+_FIRST_ROWS = 256
+"""Rows from which the period is measured first, and over which a clock is followed."""
 _SOURCES = 4
 """More sources of rows are not recognised."""
 _SETTLED_ROWS = 64
@@ -563,9 +570,12 @@ def settle(
     count = len(times)
     if count < _SETTLED_ROWS:
         return None
-    numbered = numbers is not None
-    ahead = _NUMBERED_BURST_ROWS if numbered else _BURST_ROWS
-    numbers = np.arange(count, dtype=np.float64) if numbers is None else numbers
+    if numbers is None:
+        numbers, ahead = np.arange(count, dtype=np.float64), _BURST_ROWS
+    elif (found := _by_numbers(times, numbers)) is not None:
+        return found
+    else:
+        ahead = _NUMBERED_BURST_ROWS
 
     def refined(rows: slice, period: float) -> float:
         for _ in range(2):
@@ -577,19 +587,18 @@ def settle(
     guess = float(np.median((times[lag:] - times[:-lag]) / (numbers[lag:] - numbers[:-lag])))
     if guess <= 0:
         return None
+    guess = _common_period(times, guess)
+    starts = range(0, count, max(_FIRST_ROWS, count // _PIECES))
     pieces = [
         refined(slice(start, start + _FIRST_ROWS), guess)
-        for start in range(0, count, max(_FIRST_ROWS, -(-count // _PIECES)))
+        for start in starts
         if start == 0 or start + _FIRST_ROWS <= count
     ]
-    nearby = float(np.median(pieces))
-    period = _median_slope(numbers, times)
-    counts_all = numbered and period > 0 and not _counted(times / period - numbers, ahead)[0].any()
-    if not counts_all:
-        period, stop = nearby, min(_FIRST_ROWS, count)
-        while stop < count:
-            period = refined(slice(stop), period)
-            stop = min(2 * stop, count)
+    period = nearby = float(np.median(pieces))
+    stop = min(_FIRST_ROWS, count)
+    while stop < count:
+        period = refined(slice(stop), period)
+        stop = min(2 * stop, count)
     period = refined(slice(count), period)
     if period <= 0:
         return None
@@ -615,10 +624,44 @@ def settle(
         offset,
         residual,
         float(np.median(np.abs(left))),
-        # In long bursts, the last rows of either half place the line.
-        2 * residual / count if counts_all and residual > _UNSETTLED else abs(period / nearby - 1),
+        abs(period / nearby - 1),
         count_sources(times, period),
     )
+
+
+def _common_period(times: NDArray[np.float64], guess: float) -> float:
+    """The period near a guess at which the phases of rows agree best, whatever rows are lost.
+
+    It has the largest sum of the periodograms of some pieces. Where random rows could have one as
+    large, the guess.
+    """
+    rows = min(len(times), _PIECE_ROWS)
+    starts = np.linspace(0, len(times) - rows, min(_PIECES, len(times) // rows)).astype(int)
+    bins = _FINE_BINS * rows
+    power = np.zeros(_PADDING * bins // 2 + 1)
+    for start in starts.tolist():
+        piece = (times[start : start + rows] - times[start]) * (_FINE_BINS / guess)
+        counts = np.bincount(piece[(piece >= 0) & (piece < bins)].astype(np.int64))
+        power += np.abs(np.fft.rfft(counts, _PADDING * bins)) ** 2
+    low, high = (int(share * _PADDING * rows) for share in (0.99, 1.1))
+    best = low + int(power[low:high].argmax())
+    is_sure = power[best] > (len(starts) + _SURE) * rows
+    return guess * _PADDING * rows / best if is_sure else guess
+
+
+def _by_numbers(times: NDArray[np.float64], numbers: NDArray[np.float64]) -> Settled | None:
+    """Rows whose numbers count all that were lost; None where rows come later for good."""
+    period = _median_slope(numbers, times)
+    if period <= 0:
+        return None
+    phase = times / period - numbers
+    middle = float(np.median(phase))
+    residual = float(np.median(np.abs(phase - middle)))
+    if _counted(phase, _NUMBERED_BURST_ROWS)[0][-1] > residual:
+        return None
+    # The delay of the last rows of either half turns the line.
+    turned = 2 * residual / len(times) if residual > _UNSETTLED else 0.0
+    return Settled(numbers, period, middle * period, residual, 0.0, turned, 1)
 
 
 def _wander(left: NDArray[np.float64]) -> NDArray[np.float64]:

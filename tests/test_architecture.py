@@ -72,6 +72,12 @@ ONLY_IN = {
     "hidraw": ("replay.sinks.hid",),
     "pandas": ("recording",),
     "xarray": ("recording",),
+    "rosbags": ("convert.ros_definitions", "convert.rosbag"),
+    "ruamel": ("convert.rosbag",),
+    "apsw": ("convert.rosbag",),
+    "mcap": ("convert.mcap",),
+    "zstandard": ("convert.mcap",),
+    "lz4": ("convert.mcap", "convert.rosbag"),
     "pyarrow": ("convert.arrowtables", "convert.parquet", "convert.feather", "convert.lerobot"),
 }
 HEAVY = {
@@ -91,6 +97,8 @@ HEAVY = {
     "aiohttp",
     "pandas",
     "xarray",
+    "rosbags",
+    "mcap",
     "pyarrow",
 }
 

@@ -393,6 +393,31 @@ WAV = Format(
     magic=((0, b"RIFF"), (0, b"RF64"), (0, b"RIFX")),
     options=frozenset({"select"}),
 )
+_TOPICS = frozenset({"select", "clock", "keep_stamps"})
+MCAP = Format(
+    name="mcap",
+    title="MCAP",
+    suffixes=(".mcap",),
+    module="hapfmt.convert.mcap",
+    magic=((0, b"\x89MCAP0\r\n"),),
+    options=_TOPICS,
+)
+ROSBAG = Format(
+    name="rosbag",
+    title="ROS 1 bag",
+    suffixes=(".bag",),
+    module="hapfmt.convert.rosbag",
+    magic=((0, b"#ROSBAG V"),),
+    options=_TOPICS,
+)
+ROS2 = Format(
+    name="ros2",
+    title="ROS 2 bag",
+    suffixes=(".db3",),
+    module="hapfmt.convert.rosbag",
+    folder="metadata.yaml",
+    options=_TOPICS,
+)
 FLAC = Format(
     name="flac",
     title="FLAC",
@@ -446,5 +471,5 @@ FEATHER = Format(
     magic=((0, b"ARROW1"), (0, b"FEA1")),
     options=frozenset({"select", "clock", "keep_stamps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, FLAC, EDF, BDF, XDF, PARQUET, FEATHER)
+OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, XDF, PARQUET, FEATHER)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""

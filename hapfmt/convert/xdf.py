@@ -41,8 +41,8 @@ _XML_LIMIT = 1 << 24
 _EVENT_SIZE = 512
 """Bytes that an event takes in memory, about."""
 _NS = 10**9
-_STAMP_LIMIT = 9e9
-"""Seconds, so that ns fit 64 bits."""
+_STAMP_LIMIT = 4e9
+"""Seconds, so that sums of two fit 64 bits in ns."""
 _SET_BACK_S = 1.0
 """A clock was set back where its stamps go back by more."""
 _NEAR_NOMINAL = 0.01
@@ -71,7 +71,8 @@ class XdfStream:
     rows: int = 0
     last: float = 0.0
     texts: list[str] = field(default_factory=list)
-    offsets: list[tuple[float, float]] = field(default_factory=list)
+    offsets: list[tuple[int, float, float]] = field(default_factory=list)
+    """Rows before it, the time of the stream's clock, and what the recorder's clock is ahead."""
 
     @property
     def row_size(self) -> int:
@@ -94,7 +95,7 @@ def read(source: Source, options: ReadOptions) -> Import:
         _placed(stream, ns, options) if stream.dtype else None
         for stream, ns in zip(streams, stamps, strict=True)
     ]
-    shifts = [_shift(stream) for stream in streams]
+    shifts = [_shift(stream, own) for stream, own in zip(streams, ranges, strict=True)]
     shifted = [
         each._replace(start_ns=each.start_ns + shift)
         for each, shift in zip(placed, shifts, strict=True)
@@ -111,13 +112,14 @@ def read(source: Source, options: ReadOptions) -> Import:
     channel = 0
     for stream, ns, own, each, shift in zip(streams, stamps, ranges, placed, shifts, strict=True):
         if each is None:
-            events += _events(source, stream, own, ns + (shift - zero), options, dropped)
+            times = [time + shift - zero for time in ns.tolist()]
+            events += _events(source, stream, own, times, options, dropped)
             continue
         start = starts[len(tables)]
         table, kept = _table(stream, each, start, next(labels), ns, zero - shift, options, notes)
         tables.append(table)
         readers.append((stream, own, kept))
-        clocks += _clocks(stream, each, ns, start, channel)
+        clocks += _clocks(stream, own, each, ns, start, channel)
         channel += len(table.columns)
     notes += [
         f"{count} events of stream {name!r} lie before the first sample and are not read"
@@ -197,7 +199,9 @@ def _scan(
                 raise ParameterError(f"samples of stream {number} come before its header")
             stream = streams[number]
             if tag == _CLOCK_OFFSET:
-                stream.offsets.append(struct.unpack_from("<dd", raw, 4))
+                time, offset = struct.unpack_from("<dd", raw, 4)
+                if abs(time) < _STAMP_LIMIT and abs(offset) < _STAMP_LIMIT:
+                    stream.offsets.append((stream.rows, time, offset))
                 held += 64
             else:
                 held += _add(stream, raw, place)
@@ -389,26 +393,26 @@ def _placed(stream: XdfStream, stamps: NDArray[np.int64], options: ReadOptions) 
     name = f"stream {stream.name!r}"
     if options.rate is not None:
         return place(stamps, name=name, rate=options.rate)
-    if stream.rate is None:
-        try:
-            return place(stamps, name=name)
-        except ParameterError:
-            return None
     try:
         found = place(stamps, name=name)
     except ParameterError:
         found = None
+    if stream.rate is None:
+        return found
     if found is None or abs(found.rate / stream.rate - 1) > _NEAR_NOMINAL:
         found = place(stamps, name=name, rate=stream.rate)
     return found
 
 
-def _shift(stream: XdfStream) -> int:
-    """ns from the clock of a stream to that of the recorder, when it was measured first."""
-    for time, offset in stream.offsets:
-        if abs(time) < _STAMP_LIMIT and abs(offset) < _STAMP_LIMIT:
-            return round(offset * _NS)
-    return 0
+def _shift(stream: XdfStream, rows: tuple[int, int]) -> int:
+    """ns from the clock of a stream to that of the recorder, when it was measured first there."""
+    near = _offsets(stream, rows) or stream.offsets
+    return round(near[0][2] * _NS) if near else 0
+
+
+def _offsets(stream: XdfStream, rows: tuple[int, int]) -> list[tuple[int, float, float]]:
+    """Those that were measured between the first and the last of the rows."""
+    return [each for each in stream.offsets if rows[0] <= each[0] <= rows[1]]
 
 
 def _labels(streams: Sequence[XdfStream]) -> Iterator[list[str]]:
@@ -475,16 +479,19 @@ def _table(
 
 
 def _clocks(
-    stream: XdfStream, placed: Placed, stamps: NDArray[np.int64], start: int, channel: int
+    stream: XdfStream,
+    rows: tuple[int, int],
+    placed: Placed,
+    stamps: NDArray[np.int64],
+    start: int,
+    channel: int,
 ) -> Iterator[ClockObservation]:
     """The clock of the stream, and what the recorder's clock showed at the same ticks."""
     name = f"{_RECORDER}:{stream.host or stream.name}"[:200]
     for seen in observations(placed, stamps, name, start, channel):
         yield ClockObservation(seen.clock, seen.channel, seen.tick, seen.time_ns)
     previous = -1
-    for time, offset in stream.offsets:
-        if not (abs(time) < _STAMP_LIMIT and abs(offset) < _STAMP_LIMIT):
-            continue
+    for _, time, offset in _offsets(stream, rows):
         tick = round((round(time * _NS) - placed.start_ns) * placed.rate / _NS)
         at = placed.start_ns + round(tick * _NS / placed.rate)
         if tick + start > previous and 0 <= tick <= int(placed.ticks[-1]):
@@ -496,7 +503,7 @@ def _events(
     source: Source,
     stream: XdfStream,
     rows: tuple[int, int],
-    times: NDArray[np.int64],
+    times: Sequence[int],
     options: ReadOptions,
     dropped: Counter[str],
 ) -> Iterator[Event]:
@@ -510,7 +517,7 @@ def _events(
                 "as events; give a rate (rate=) or select other streams (select=)"
             )
         texts = _texts_of(source, stream, rows)
-    for time, text in zip(times.tolist(), texts, strict=True):
+    for time, text in zip(times, texts, strict=True):
         if time < 0:
             dropped[stream.name] += 1
         else:
