@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ..clocks import ClockObservation
 from ..errors import LimitError, ParameterError
-from ..numbers import exact
+from ..numbers import counted, exact
 from ..recording import Calibration, Event
 from .common import read_bytes, refusing, selected, unit_of
 from .formats import ReadOptions, Source
@@ -43,6 +43,8 @@ _EVENT_SIZE = 512
 _NS = 10**9
 _STAMP_LIMIT = 4e9
 """Seconds, so that sums of two fit 64 bits in ns."""
+_EARLY_S = 3600
+"""An event may come so much before the first sample."""
 _SET_BACK_S = 1.0
 """A clock was set back where its stamps go back by more."""
 _NEAR_NOMINAL = 0.01
@@ -101,8 +103,14 @@ def read(source: Source, options: ReadOptions) -> Import:
         for each, shift in zip(placed, shifts, strict=True)
         if each is not None
     ]
-    firsts = [int(ns.min()) + shift for ns, shift in zip(stamps, shifts, strict=True) if ns.size]
-    zero, starts = align(shifted) if shifted else (min(firsts, default=0), [])
+    zero, starts = _zero(
+        shifted,
+        [
+            int(ns.min()) + shift
+            for ns, shift, each in zip(stamps, shifts, placed, strict=True)
+            if ns.size and each is None
+        ],
+    )
     labels = _labels([s for s, each in zip(streams, placed, strict=True) if each])
     tables: list[ImportTable] = []
     readers: list[tuple[XdfStream, tuple[int, int], NDArray[Any] | None]] = []
@@ -122,7 +130,8 @@ def read(source: Source, options: ReadOptions) -> Import:
         clocks += _clocks(stream, own, each, ns, start, channel)
         channel += len(table.columns)
     notes += [
-        f"{count} events of stream {name!r} lie before the first sample and are not read"
+        f"{counted(count, 'event')} of stream {name!r}: more than {_EARLY_S} s before the first "
+        "sample, not read"
         for name, count in dropped.items()
     ]
     epoch, uncertainty = _epoch(header, notes)
@@ -141,6 +150,19 @@ def read(source: Source, options: ReadOptions) -> Import:
         notes=tuple(notes),
         clocks=tuple(clocks),
     )
+
+
+def _zero(placed: Sequence[Placed], events: Sequence[int]) -> tuple[int, list[int]]:
+    """The time of the first sample, or of the first event that is not much earlier; start ticks."""
+    if not placed:
+        return min(events, default=0), []
+    zero, starts = align(placed)
+    earlier = [first for first in events if zero - _EARLY_S * _NS <= first < zero]
+    if not earlier:
+        return zero, starts
+    event = Placed(Fraction(_NS), np.zeros(1, np.int64), min(earlier), (), 0, 0.0)
+    zero, starts = align([*placed, event])
+    return zero, starts[:-1]
 
 
 def _opened(source: Source) -> IO[bytes]:
@@ -307,7 +329,9 @@ def _add(stream: XdfStream, raw: bytes, place: int) -> int:
     base = np.where(known < 0, stream.last, stamps[np.maximum(known, 0)])
     stamps = base + (place_of - known) * step
     if count and not (np.abs(stamps) < _STAMP_LIMIT).all():
-        raise ParameterError(f"stream {stream.name!r} has a time stamp that is no time")
+        raise ParameterError(
+            f"stream {stream.name!r} has a time stamp that is infinite or too large"
+        )
     stream.stamps.append(stamps)
     stream.chunks.append((place, len(raw), stream.rows))
     stream.rows += count
@@ -321,7 +345,7 @@ def _rows(
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """[count] stamps, NaN where there is none, and [count, row] bytes of values."""
     data = np.frombuffer(raw, np.uint8)[at:]
-    for flag in (8, 0):
+    for flag in (8, 0) if count else ():
         if data.size == count * (1 + flag + row):
             table = data.reshape(count, -1)
             if (table[:, 0] == flag).all():
@@ -380,8 +404,8 @@ def _episode(
     number = int(asked[:9])
     if len(ends) > 2 and options.episode is None:
         notes.append(
-            f"the clock of stream {stream.name!r} was set back {len(ends) - 2} times; the rows "
-            "from there on are other recordings; choose one (episode=1)"
+            f"the clock of stream {stream.name!r} was set back {counted(len(ends) - 2, 'time')}; "
+            "the rows from there on are other recordings; choose one (episode=1)"
         )
     if number >= len(ends) - 1:
         return np.empty(0, np.int64), 0, 0
