@@ -211,7 +211,7 @@ class TimeStamps:
         The shortest text that identifies a float64 may be coarser than the float64 itself.
         """
         if not self._from_floats:
-            return 4 * ulp(float(self.span))
+            return 4 * ulp(float(self.span)) + 0.5e-9  # rounded to whole ns
         largest = ulp(float(max(abs(self.first), abs(self.first + self.span))))
         return 4 * ulp(float(self.span)) + (largest if self.resolution < 10 * largest else 0)
 

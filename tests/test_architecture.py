@@ -57,6 +57,7 @@ ONLY_IN = {
     "construct": ("format.layout",),
     "msgspec": (
         "descriptions",
+        "convert.maps",
         "writing.streams",
         "replay.profile.parse",
         "lab.scenes.description",
@@ -66,6 +67,7 @@ ONLY_IN = {
     ),
     "matplotlib": tuple(name for name in MODULES if name.startswith("lab.plotting.")),
     "soundfile": ("convert.wav",),
+    "h5py": ("convert.hdf5_files",),
     "fsspec": ("format.source",),
     "sounddevice": ("lab.study.outputs",),
     "hid": ("replay.sinks.hid",),
@@ -89,6 +91,7 @@ HEAVY = {
     "rich",
     "matplotlib",
     "soundfile",
+    "h5py",
     "sounddevice",
     "hid",
     "hidraw",

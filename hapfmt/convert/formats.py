@@ -193,6 +193,10 @@ class Source(Closing):
     def close(self) -> None:
         self._opened.close()
 
+    def on_close(self, call: Callable[[], object]) -> None:
+        """Call this at the end, when the values have been read."""
+        self._opened.callback(call)
+
     @property
     def suffix(self) -> str:
         """In lower case, with the dot; "" where there is none."""
@@ -393,6 +397,15 @@ WAV = Format(
     magic=((0, b"RIFF"), (0, b"RF64"), (0, b"RIFX")),
     options=frozenset({"select"}),
 )
+HDF5 = Format(
+    name="hdf5",
+    title="HDF5",
+    suffixes=(".h5", ".hdf5", ".hdf"),
+    module="hapfmt.convert.hdf5",
+    writes=True,
+    magic=((0, b"\x89HDF\r\n\x1a\n"),),
+    options=frozenset({"transpose", "select", "clock", "episode", "map", "keep_stamps"}),
+)
 _TOPICS = frozenset({"select", "clock", "keep_stamps"})
 MCAP = Format(
     name="mcap",
@@ -471,5 +484,5 @@ FEATHER = Format(
     magic=((0, b"ARROW1"), (0, b"FEA1")),
     options=frozenset({"select", "clock", "keep_stamps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, XDF, PARQUET, FEATHER)
+OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, XDF, PARQUET, FEATHER, HDF5)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
