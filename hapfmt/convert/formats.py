@@ -440,6 +440,14 @@ FLAC = Format(
     magic=((0, b"fLaC"),),
     options=frozenset({"select"}),
 )
+XDF = Format(
+    name="xdf",
+    title="XDF",
+    suffixes=(".xdf", ".xdfz"),
+    module="hapfmt.convert.xdf",
+    magic=((0, b"XDF:"),),
+    options=frozenset({"select", "episode", "keep_stamps"}),
+)
 EDF = Format(
     name="edf",
     title="EDF",
@@ -476,5 +484,5 @@ FEATHER = Format(
     magic=((0, b"ARROW1"), (0, b"FEA1")),
     options=frozenset({"select", "clock", "keep_stamps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, PARQUET, FEATHER, HDF5)
+OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, XDF, PARQUET, FEATHER, HDF5)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
