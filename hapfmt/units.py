@@ -23,7 +23,7 @@ _METRIC = (
     "[g] [ppm] m[Hg] m[H2O]"
 )
 """Atoms that take a prefix. Left out, since people mean something else by them: G (gauss), a
-(year), b (barn), u, P, R."""
+(year), b (barn), u, P, R. "ft" is the foot, never the femtotonne."""
 _SCALES = dict(
     zip(
         _PREFIXES.split(),
@@ -34,7 +34,7 @@ _SCALES = dict(
 """Powers of ten."""
 _FIXED = (
     "% deg ' '' min h d [degF] [psi] [lbf_av] [lb_av] [in_i] [ft_i] [mi_i] "
-    "[ppth] [ppb] [arb'U] [pi]"
+    "[ppth] [ppb] [arb'U] [pi] atm"
 )
 
 
@@ -45,7 +45,7 @@ def _any_of(codes: str) -> str:
 _GROUP, _NOTE = "\0", "\1"
 """Stand for a pair of parentheses whose content was found to be a term, and for an annotation."""
 _ANNOTATION = r"\{[!-z|~]+\}"
-_ATOM = rf"(?:(?:{_any_of(_PREFIXES)})?(?:{_any_of(_METRIC)})|{_any_of(_FIXED)})"
+_ATOM = rf"(?:(?!ft)(?:{_any_of(_PREFIXES)})?(?:{_any_of(_METRIC)})|{_any_of(_FIXED)})"
 _COMPONENT = rf"(?:{_ATOM}(?:[+-]?[1-9][0-9]?)?{_NOTE}?|1|{_NOTE}|{_GROUP})"
 _TERM = re.compile(rf"/?{_COMPONENT}(?:[./]{_COMPONENT})*")
 _POWER = re.compile(
@@ -53,6 +53,9 @@ _POWER = re.compile(
 )
 _FACTOR = re.compile(r"([./]?)([^./0-9+-]+|1)([+-]?[0-9]*)")
 _PREFIXED = re.compile(rf"({_any_of(_PREFIXES)})({_any_of(_METRIC)})")
+_TEMPERATURE = re.compile(
+    r"\bdeg(?:ree)?s?[.]?[\s_]*(c(?=elsius\b)|f(?=ahrenheit\b)|[cf]\b)(?:elsius|ahrenheit)?", re.I
+)
 _TORQUE = re.compile(rf"((?:{_any_of(_PREFIXES)})?N)((?:{_any_of(_PREFIXES)})?m|s)")
 
 _SPELLINGS = {
@@ -65,53 +68,85 @@ _SPELLINGS = {
     "{rev}": "rev revs revolution revolutions turn turns",
     "{sample}": "sample samples",
     "{step}": "step steps",
+    "{pixel}": "pixel pixels px",
     "deg": "deg degs degree degrees",
     "rad": "rad rads radian radians",
     "s": "sec secs second seconds",
-    "ms": "msec msecs millisecond milliseconds",
-    "us": "usec usecs microsecond microseconds",
+    "ms": "msec msecs",
+    "us": "usec usecs",
+    "ns": "nsec nsecs",
     "min": "mins minute minutes",
     "h": "hr hrs hour hours",
     "m": "meter meters metre metres",
-    "mm": "millimeter millimeters millimetre millimetres",
-    "um": "micron microns micrometer micrometers micrometre micrometres",
+    "um": "micron microns",
+    "L": "liter liters litre litres",
     "g": "gram grams",
-    "kg": "kgs kilogram kilograms",
+    "kg": "kgs",
     "N": "newton newtons",
-    "mN": "millinewton millinewtons",
     "Pa": "pascal pascals",
     "kPa": "kpa",
+    "bar": "bar bars",
+    "atm": "atm atmosphere atmospheres",
     "V": "volt volts",
-    "mV": "millivolt millivolts",
-    "uV": "microvolt microvolts",
     "A": "amp amps ampere amperes",
+    "C": "coulomb coulombs",
+    "F": "farad farads",
+    "H": "henry henries",
+    "S": "siemens",
+    "T": "tesla teslas",
+    "Wb": "weber webers",
     "W": "watt watts",
     "J": "joule joules",
     "Ohm": "ohm ohms",
+    "kOhm": "kohm kohms",
+    "By": "byte bytes",
+    "bit": "bit bits",
     "Hz": "hz hertz",
     "kHz": "khz",
     "K": "kelvin kelvins",
     "Cel": "degc celsius",
     "[degF]": "degf fahrenheit",
     "dB": "db decibel decibels",
-    "[g]": "gn g0 g_n g-force gforce",
+    "[g]": "gn g0 g_n g-force gforce gee gees g's gravity standard_gravity standard_free_fall",
     "[in_i]": "in inch inches",
     "[ft_i]": "ft foot feet",
-    "[lb_av]": "lb lbs",
-    "[lbf_av]": "lbf",
+    "[mi_i]": "mile miles",
+    "[lb_av]": "lb lbs pound pounds",
+    "[lbf_av]": "lbf pound-force",
+    "kgf": "kilogram-force",
     "[psi]": "psi",
     "[ppm]": "ppm",
     "mm[Hg]": "mmhg",
 }
-_WORDS = {word: code for code, words in _SPELLINGS.items() for word in words.split()}
-_WHOLE = {**_WORDS, "": "1", "n/a": "1", "rpm": "{rev}/min"}
+_PREFIX_NAMES = {
+    "giga": "G", "mega": "M", "kilo": "k", "hecto": "h", "deci": "d", "centi": "c", "milli": "m",
+    "micro": "u", "nano": "n", "pico": "p",
+}  # fmt: skip
+_NAMES = {word: code for code, words in _SPELLINGS.items() for word in words.split()}
+_WORDS = {
+    **{
+        prefix + word: symbol + code
+        for prefix, symbol in _PREFIX_NAMES.items()
+        for word, code in _NAMES.items()
+        if code in _METRIC.split() and word.isalpha()
+    },
+    **_NAMES,
+}
+_TORQUES = {
+    "ft-lb": "[ft_i].[lbf_av]", "ft-lbf": "[ft_i].[lbf_av]", "lb-ft": "[ft_i].[lbf_av]",
+    "in-lb": "[in_i].[lbf_av]", "in-lbf": "[in_i].[lbf_av]", "lb-in": "[in_i].[lbf_av]",
+}  # fmt: skip
+_WHOLE = {
+    **_WORDS, **_TORQUES, "": "1", "n/a": "1", "rpm": "{rev}/min", "dps": "deg/s", "kph": "km/h",
+    "mph": "[mi_i]/h", "lpm": "L/min",
+}  # fmt: skip
 """Spellings of a whole text only: a code with a slash cannot follow another slash."""
+_POWERS = {"squared": "2", "square": "2", "sq": "2", "cubed": "3", "cubic": "3"}
 
 _UDUNITS = {
     "Ohm": "ohm",
     "By": "byte",
     "t": "tonne",
-    "%": "percent",
     "deg": "degree",
     "'": "arc_minute",
     "''": "arc_second",
@@ -328,8 +363,13 @@ def _respell(text: str) -> str:
     whole = _WHOLE.get(text.casefold())
     if whole is not None:
         return whole
-    text = text.replace("**", "").replace("^", "")
-    text = re.sub(r"\s+per\s+", "/", text)
+    # m_s may be m.s or m/s, but newton_meter is clear.
+    text = re.sub(r"(?<=[A-Za-z]{3})_(?=[A-Za-z]{3})", " ", text)
+    text = re.sub(r"\s*(\*\*|\^)\s*", "", text)
+    text = re.sub(r"(?:^|\s+)per\s+", "/", text)
+    text = _TEMPERATURE.sub(r"deg\1", text)
+    text = re.sub(r"\s+(squared|cubed)\b", lambda found: _POWERS[found[1]], text)
+    text = re.sub(r"\b(square|sq|cubic)\s+([A-Za-z]+)", lambda x: x[2] + _POWERS[x[1]], text)
     text = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])|\*", ".", text)
     text = re.sub(r"\s*([./])\s*", r"\1", text)
     text = re.sub(r"\s+", ".", text)

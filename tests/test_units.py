@@ -48,6 +48,44 @@ SPELLINGS = {
     "Millinewton": "mN",
     "g0": "[g]",
     "lbf": "[lbf_av]",
+    "Newton": "N",
+    "newtons": "N",
+    "newton_meter": "N.m",
+    "Newton metres": "N.m",
+    "m/s/s": "m/s/s",
+    "meter / second ** 2": "m/s2",
+    "meters per second squared": "m/s2",
+    "meters_per_second": "m/s",
+    "square meters": "m2",
+    "cubic meters per hour": "m3/h",
+    "per second": "/s",
+    "deg/s": "deg/s",
+    "dps": "deg/s",
+    "degC": "Cel",
+    "deg C": "Cel",
+    "degree_Celsius": "Cel",
+    "Degrees Celsius": "Cel",
+    "deg. C/min": "Cel/min",
+    "degrees F": "[degF]",
+    "microTesla": "uT",
+    "kilopascals": "kPa",
+    "millivolts": "mV",
+    "millibar": "mbar",
+    "nanoseconds": "ns",
+    "centimetres": "cm",
+    "kohm": "kOhm",
+    "microsiemens": "uS",
+    "litres": "L",
+    "bytes": "By",
+    "ft": "[ft_i]",
+    "ft/s": "[ft_i]/s",
+    "ft-lb": "[ft_i].[lbf_av]",
+    "miles": "[mi_i]",
+    "mph": "[mi_i]/h",
+    "atmospheres": "atm",
+    "standard_gravity": "[g]",
+    "g's": "[g]",
+    "px": "{pixel}",
 }
 # fmt: off
 CODES = [
@@ -67,6 +105,8 @@ ANNOTATED = {
     "G": "{G}",  # not gauss
     "N\u00f8rd": "{Nrd}",
     "m/(s": "{m/(s}",
+    "m_s": "{m_s}",  # m.s or m/s
+    "newton_apples": "{newton_apples}",
     "()": "1",
     "[(m)]": "m",
     "([g])": "[g]",
@@ -121,6 +161,7 @@ UDUNITS = {
     "[degF]": "degF",
     "[degF]/s": "degR s-1",
     "deg/s": "degree s-1",
+    "m.%": "m %",  # " percent" is "per cent" there
     "[g]": "gravity",
     "m[g]": "mgravity",
     "[psi]": "psi",
@@ -136,7 +177,7 @@ UDUNITS = {
     "{raw(0-255)}": "1",
     "[arb'U]/s": "s-1",
     "kOhm": "kohm",
-    "ft": "ftonne",
+    "ft": "international_foot",
     "'": "arc_minute",
     "dB": "0.1 lg(re 1)",
     "B": "lg(re 1)",
@@ -167,11 +208,16 @@ SI = {
     "[degF]": (KELVIN, "K"), "[psi]": (6894.757293168361, "kg m-1 s-2"),
     "[lbf_av]": (4.4482216152605, "kg m s-2"), "[lb_av]": (0.45359237, "kg"), "[in_i]": (0.0254, "m"),
     "[ft_i]": (0.3048, "m"), "[mi_i]": (1609.344, "m"), "[ppth]": (1e-3, "1"), "[ppb]": (1e-9, "1"),
-    "[arb'U]": (1, "1"), "[pi]": (math.pi, "1"),
+    "[arb'U]": (1, "1"), "[pi]": (math.pi, "1"), "atm": (101325, "kg m-1 s-2"),
 }  # fmt: skip
 """Values of the atoms by the UCUM specification."""
 METRIC, FIXED = units._METRIC.split(), units._FIXED.split()
-PREFIXED = [(prefix, atom) for prefix in ("", *units._SCALES) for atom in METRIC if atom != "B"]
+PREFIXED = [
+    (prefix, atom)
+    for prefix in ("", *units._SCALES)
+    for atom in METRIC
+    if atom != "B" and prefix + atom != "ft"
+]
 ATOMS = [*PREFIXED, *(("", atom) for atom in FIXED)]
 
 
