@@ -455,6 +455,14 @@ XDF = Format(
     magic=((0, b"XDF:"),),
     options=frozenset({"select", "episode", "keep_stamps"}),
 )
+TDMS = Format(
+    name="tdms",
+    title="TDMS",
+    suffixes=(".tdms",),
+    module="hapfmt.convert.tdms",
+    magic=((0, b"TDSm"),),
+    options=frozenset({"select"}),
+)
 EDF = Format(
     name="edf",
     title="EDF",
@@ -491,5 +499,5 @@ FEATHER = Format(
     magic=((0, b"ARROW1"), (0, b"FEA1")),
     options=frozenset({"select", "clock", "keep_stamps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, XDF, PARQUET, FEATHER, HDF5)
+OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, XDF, TDMS, PARQUET, FEATHER, HDF5)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
