@@ -80,6 +80,7 @@ ONLY_IN = {
     "mcap": ("convert.mcap",),
     "zstandard": ("convert.mcap",),
     "lz4": ("convert.mcap", "convert.rosbag"),
+    "nptdms": ("convert.tdms",),
     "pyarrow": ("convert.arrowtables", "convert.parquet", "convert.feather", "convert.lerobot"),
 }
 HEAVY = {
@@ -102,6 +103,7 @@ HEAVY = {
     "xarray",
     "rosbags",
     "mcap",
+    "nptdms",
     "pyarrow",
 }
 

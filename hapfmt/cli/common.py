@@ -310,7 +310,7 @@ _IMPORT_OPTIONS = (
     click.option(
         "--keep-stamps",
         is_flag=True,
-        help="Keep the original time stamps, as one lossless channel for each topic or table.",
+        help="Keep the original time stamps in a channel, one for each topic or table.",
     ),
 )
 IMPORT_NAMES = ("rate", "transpose", "select", "clock", "episode", "map", "keep_stamps")

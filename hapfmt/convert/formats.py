@@ -125,7 +125,7 @@ class ReadOptions:
     map
         path of a TOML file that says where channels, times and units are.
     keep_stamps
-        keep the original time stamps, as one lossless channel for each table.
+        keep the original time stamps, as a channel of integers for each table.
     max_memory
         bytes that the values may take.
     progress
@@ -376,7 +376,7 @@ NPZ = Format(
     module="hapfmt.convert.npz",
     writes=True,
     magic=((0, b"PK"),),
-    options=frozenset({"transpose"}),
+    options=frozenset({"transpose", "keep_stamps"}),
 )
 NPY = Format(
     name="npy",
@@ -387,7 +387,14 @@ NPY = Format(
     magic=((0, b"\x93NUMPY"),),
     options=frozenset({"transpose"}),
 )
-CSV = Format(name="csv", title="CSV", suffixes=(".csv",), module="hapfmt.convert.csv", writes=True)
+CSV = Format(
+    name="csv",
+    title="CSV",
+    suffixes=(".csv",),
+    module="hapfmt.convert.csv",
+    writes=True,
+    options=frozenset({"keep_stamps"}),
+)
 WAV = Format(
     name="wav",
     title="WAV",
@@ -448,6 +455,14 @@ XDF = Format(
     magic=((0, b"XDF:"),),
     options=frozenset({"select", "episode", "keep_stamps"}),
 )
+TDMS = Format(
+    name="tdms",
+    title="TDMS",
+    suffixes=(".tdms",),
+    module="hapfmt.convert.tdms",
+    magic=((0, b"TDSm"),),
+    options=frozenset({"select"}),
+)
 EDF = Format(
     name="edf",
     title="EDF",
@@ -484,5 +499,5 @@ FEATHER = Format(
     magic=((0, b"ARROW1"), (0, b"FEA1")),
     options=frozenset({"select", "clock", "keep_stamps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, XDF, PARQUET, FEATHER, HDF5)
+OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, XDF, TDMS, PARQUET, FEATHER, HDF5)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
