@@ -8,16 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
+from itertools import accumulate
 
 from ..errors import FormatError
 from ..format.cluster import HEAD_ROOM, TableRow, parse_table, parse_table_head
 from ..format.walk import header_at
 from ..format.wire import HEADER_SIZE
-from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef
+from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef, TrackPair
+from ..reading.decoder import intersect
 from ..reading.packets import ROW_SIZE, tick_after
+from ..recording import Span, append_span
 
 CHUNK_TICKS = 1 << 20
 """Ticks of a chunk for Dask, 8 MiB: as many whole clusters as have this many."""
+
+
+FAR_NS = 1 << 64
+"""After every packet."""
 
 
 def rows_of(catalogue: Catalogue, ref: ChunkRef) -> Sequence[TableRow]:
@@ -43,41 +50,59 @@ def extents_of(
     catalogue: Catalogue, channels: Iterable[ChannelRef]
 ) -> dict[Fraction, tuple[int, int]]:
     """{rate: (first tick, tick after the last)} of the samples of these channels."""
-    rate_of: dict[int, Fraction] = {}
-    for channel in channels:
-        for part in channel.parts:
-            rate_of[part.track.id] = part.track.rate
-    refs = catalogue.data
-    first: dict[Fraction, int] = {}
-    last: dict[Fraction, int] = {}
+    pairs = {part.track.id: part for channel in channels for part in channel.parts}
+    rate_of = {id_: pair.track.rate for id_, pair in pairs.items()}
+    rate_of |= {p.residual.id: p.residual.rate for p in pairs.values() if p.residual is not None}
     rates = set(rate_of.values())
-    for ref in refs:
-        if all(rate in first and _begins(ref, rate) >= first[rate] for rate in rates):
-            break
+    refs = catalogue.data
+    ends: dict[int, tuple[int, int]] = {}
+
+    def add(ref: ChunkRef) -> None:
         for row in rows_of(catalogue, ref):
-            if (rate := rate_of.get(row.track)) is not None:
-                first[rate] = min(first.get(rate, row.start), row.start)
-    for place, ref in enumerate(reversed(refs)):
-        if all(rate in last and _ends(ref, rate) <= last[rate] for rate in rates):
+            if row.track in rate_of:
+                first, last = ends.get(row.track, (row.start, row.stop))
+                ends[row.track] = min(first, row.start), max(last, row.stop)
+
+    def known(rate: Fraction) -> list[tuple[int, int]]:
+        return [ends[id_] for id_ in pairs if id_ in ends and rate_of[id_] == rate]
+
+    # No cluster from here on begins earlier, and none up to here ends later.
+    starts = [*accumulate((ref.start_ns or 0 for ref in reversed(refs)), min)][::-1]
+    stops = [*accumulate((FAR_NS if ref.stop_ns is None else ref.stop_ns for ref in refs), max)]
+    for ref, start_ns in zip(refs, starts, strict=True):
+        if all(any(tick_after(start_ns, r) >= first for first, _ in known(r)) for r in rates):
             break
-        if place and not first.keys() & rates:
-            break  # No table has anything of these channels.
+        add(ref)
+    for ref, stop_ns in zip(reversed(refs), reversed(stops), strict=True):
+        if ref is not refs[-1] and all(
+            any(stop_ns * r <= last * 10**9 for _, last in known(r)) for r in rates
+        ):
+            break
+        add(ref)
+    bands = [pair for pair in pairs.values() if pair.residual is not None]
+    if any(p.residual and ends.get(p.track.id) != ends.get(p.residual.id) for p in bands):
+        ends |= _common_ends(catalogue, bands)
+    found = {rate: known(rate) for rate in rates}
+    found = {rate: [one for one in own if one[0] < one[1]] for rate, own in found.items()}
+    return {
+        rate: (min((a for a, _ in own), default=0), max((b for _, b in own), default=0))
+        for rate, own in found.items()
+    }
+
+
+def _common_ends(catalogue: Catalogue, pairs: Sequence[TrackPair]) -> dict[int, tuple[int, int]]:
+    """The ends of what both bands cover (DEC-003), from all tables."""
+    spans: dict[int, list[Span]] = {track.id: [] for pair in pairs for track in pair.tracks}
+    for ref in catalogue.data:
         for row in rows_of(catalogue, ref):
-            if (rate := rate_of.get(row.track)) is not None:
-                last[rate] = max(last.get(rate, row.stop), row.stop)
-    return {rate: (first.get(rate, 0), last.get(rate, 0)) for rate in rates}
-
-
-def _begins(ref: ChunkRef, rate: Fraction) -> int:
-    """No packet of a cluster begins before this tick."""
-    return 0 if ref.start_ns is None else tick_after(ref.start_ns, rate)
-
-
-def _ends(ref: ChunkRef, rate: Fraction) -> int:
-    """No packet of a cluster ends after this tick."""
-    if ref.stop_ns is None:
-        return 1 << 62
-    return ref.stop_ns * rate.numerator // (rate.denominator * 10**9)
+            if row.track in spans:
+                append_span(spans[row.track], Span(row.start, row.stop))
+    found = {}
+    for pair in pairs:
+        lf, hf = (spans[track.id] for track in pair.tracks)
+        both = [span for _, span in intersect(lf, hf)]
+        found[pair.track.id] = (both[0].start, both[-1].stop) if both else (0, 0)
+    return found
 
 
 def chunks_of(catalogue: Catalogue, rate: Fraction, first: int, last: int) -> tuple[int, ...]:
