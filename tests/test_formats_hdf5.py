@@ -416,7 +416,7 @@ class TestMaps:
             ("[[table]]\ndata = []\nrate = 1", "table[0].data: is empty"),
             ("[[table]]\ndata = 'rest'\nraet = 1", "table[0].raet: is not a known key; did you mean"),
             ("[[table]]\ndata = 'rest'\nrate = -1", "table[0].rate: rate is above 0"),
-            ("[[table]]\ndata = 'rest'", "table[0]: it needs time, the path of the times, or rate"),
+            ("[[table]]\ndata = 'rest'", "table[0]: it needs time, time_column or rate"),
             ("[[table]]\ndata = 'res'\nrate = 1", "no data set 'res'; did you mean '/rest'?"),
             ("[[table]]\ndata = 'rest'\ntime = 'clk'", "data: /rest is 7, and /clk has 4 times"),
             ("[[table]]\ndata = 'rest'\ntime_unit = 'h'\ntime = 'clk'", "time_unit: there is no 'h'"),
@@ -797,7 +797,7 @@ class TestHostile:
         whole = stream.getvalue()
         changes: dict[str, Callable[[Any], object]] = {
             "version 2 ": lambda f: f.attrs.modify("version", 2),
-            "index do not give": lambda f: f["rate_1000Hz/y"].attrs.modify("index", 7),
+            "do not have the places": lambda f: f["rate_1000Hz/y"].attrs.modify("index", 7),
             "the attribute start_tick": lambda f: f["rate_1000Hz"].attrs.modify("start_tick", -1),
             "spans that overlap": lambda f: f["spans/0"].write_direct(np.array([[0, 99], [95, 155]])),
             "does not name spans": lambda f: f["rate_1000Hz/force|x"].attrs.modify("spans", "/a"),

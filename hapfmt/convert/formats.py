@@ -476,5 +476,14 @@ FEATHER = Format(
     magic=((0, b"ARROW1"), (0, b"FEA1")),
     options=frozenset({"select", "clock", "keep_stamps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, PARQUET, FEATHER, HDF5)
+MAT = Format(
+    name="mat",
+    title="MAT",
+    suffixes=(".mat",),
+    module="hapfmt.convert.mat",
+    writes=True,
+    magic=((124, b"\x00\x01IM"), (124, b"\x01\x00MI"), (124, b"\x00\x02IM"), (124, b"\x02\x00MI")),
+    options=HDF5.options,
+)
+OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, PARQUET, FEATHER, HDF5, MAT)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
