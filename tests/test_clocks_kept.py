@@ -233,7 +233,10 @@ class TestChecks:
             ({"clocks": MAPS}, "are a list of hapfmt.ClockObservation"),
             ({"clock_maps": SEEN}, "the clock maps of a recording are a list of hapfmt.ClockMap"),
             ({"clocks": [ClockObservation("pc", 3, 0, 0)]}, "a clock names channel 3 of 3"),
-            ({"clocks": [ClockObservation("pc", -1, 0, 0)]}, "a clock names channel -1 of 3"),
+            (
+                {"clocks": [ClockObservation("pc", -1, 0, 0)]},
+                "of 3; rec.sel([...]) drops events and clocks",
+            ),
             ({"clock_maps": [replace(MAPS[0], channel="no")]}, "'no', which does not exist"),
             ({"clock_maps": [MAPS[0], replace(MAPS[0], channel="twin")]}, "2 maps of clock 'pc'"),
             (
