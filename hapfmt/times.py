@@ -65,8 +65,15 @@ _BURST_ROWS, _NUMBERED_BURST_ROWS = 24, 512
 """Rows that may come together, twice those of a usual burst; and where their numbers are known."""
 _WANDERING = 0.25
 """Ticks by which a clock may leave a straight line before its course is followed."""
-_FIRST_ROWS, _PIECES = 256, 9
-"""Rows of a short piece, and as many pieces from which the first period is taken."""
+_PIECE_ROWS, _PIECES = 2048, 7
+"""Rows of a piece, and as many pieces from which the first period is taken."""
+_SURE = 15
+"""The power of a period in units of that of random rows, beyond its mean: they reach it in one of
+30 recordings, and less often where there are less pieces."""
+_FINE_BINS, _PADDING = 8, 4
+"""Bins of a period, and how much finer than the resolution of a piece its periodogram is."""
+_FIRST_ROWS = 256
+"""Rows from which the period is measured first, and over which a clock is followed."""
 _SOURCES = 4
 """More sources of rows are not recognised."""
 _SETTLED_ROWS = 64
@@ -137,10 +144,14 @@ def may_be_times(name: str) -> bool:
 
 
 class TimeStamps:
-    """The stamps of the rows, one after the other; ``unit_exponent`` -3 for milliseconds."""
+    """The stamps of the rows, one after the other; ``unit_exponent`` -3 for milliseconds.
 
-    def __init__(self, unit_exponent: int = 0) -> None:
+    ``keep``: keep them all in ``ns`` too, [rows], rounded to whole nanoseconds.
+    """
+
+    def __init__(self, unit_exponent: int = 0, *, keep: bool = False) -> None:
         self._unit_exponent = unit_exponent
+        self.ns = array("q") if keep else None
         self._first = self._last = Decimal(0)
         self._relative = array("d")
         # Kept in addition to the times, since a double of 50 000 000.001 s is 7 ns coarse.
@@ -178,7 +189,9 @@ class TimeStamps:
             self._first = stamp
         elif stamp <= self._last:
             raise ValueError("is not later than the time before it")
-        else:
+        if self.ns is not None:
+            self.ns.append(whole_ns(stamp, self._unit_exponent))
+        if self._relative:
             self._steps.append(float(self._seconds(self._last, stamp)))
         self._relative.append(float(self._seconds(self._first, stamp)))
         self._last = stamp
@@ -204,7 +217,7 @@ class TimeStamps:
         The shortest text that identifies a float64 may be coarser than the float64 itself.
         """
         if not self._from_floats:
-            return 4 * ulp(float(self.span))
+            return 4 * ulp(float(self.span)) + 0.5e-9  # rounded to whole ns
         largest = ulp(float(max(abs(self.first), abs(self.first + self.span))))
         return 4 * ulp(float(self.span)) + (largest if self.resolution < 10 * largest else 0)
 
@@ -311,7 +324,7 @@ class TimeStamps:
         offset = float(residual.max() + residual.min()) / 2
         notes: tuple[str, ...] = ()
         if not is_exact and tolerance > STEADY * line.period:
-            notes = (deviation_note(tolerance, rate),)
+            notes = (self._deviation_note(tolerance, rate),)
         return CountedRows(line.ticks, rate, offset, period, tolerance, is_exact, notes)
 
     def _on_given(
@@ -351,16 +364,19 @@ class TimeStamps:
         residual = _Line(ticks, times).residual(rate)
         largest = float(np.abs(residual).max(initial=0))
         if largest > max(self.noise + self.resolution / 2, STEADY / float(rate)):
-            notes.append(deviation_note(largest, rate))
+            notes.append(self._deviation_note(largest, rate))
         return CountedRows(ticks, rate, 0.0, float(1 / rate), None, False, tuple(notes))
 
     def _on_counted(self, counted: Settled, rate: Fraction) -> CountedRows:
         """Rows at the ticks that were counted, from the first row on."""
         line = _Line(counted.ticks, np.frombuffer(self._relative))
         largest = float(np.abs(line.residual(rate)).max())
-        notes = (deviation_note(largest, rate),)
+        notes = (self._deviation_note(largest, rate),)
         offset, period = counted.offset_s, counted.period_s
         return CountedRows(counted.ticks, rate, offset, period, None, False, notes)
+
+    def _deviation_note(self, largest: float, rate: Fraction) -> str:
+        return deviation_note(largest, rate, kept=self.ns is not None)
 
     @property
     def _usual_rate(self) -> float:
@@ -563,9 +579,12 @@ def settle(
     count = len(times)
     if count < _SETTLED_ROWS:
         return None
-    numbered = numbers is not None
-    ahead = _NUMBERED_BURST_ROWS if numbered else _BURST_ROWS
-    numbers = np.arange(count, dtype=np.float64) if numbers is None else numbers
+    if numbers is None:
+        numbers, ahead = np.arange(count, dtype=np.float64), _BURST_ROWS
+    elif (found := _by_numbers(times, numbers)) is not None:
+        return found
+    else:
+        ahead = _NUMBERED_BURST_ROWS
 
     def refined(rows: slice, period: float) -> float:
         for _ in range(2):
@@ -577,19 +596,18 @@ def settle(
     guess = float(np.median((times[lag:] - times[:-lag]) / (numbers[lag:] - numbers[:-lag])))
     if guess <= 0:
         return None
+    guess = _common_period(times, guess)
+    starts = range(0, count, max(_FIRST_ROWS, count // _PIECES))
     pieces = [
         refined(slice(start, start + _FIRST_ROWS), guess)
-        for start in range(0, count, max(_FIRST_ROWS, -(-count // _PIECES)))
+        for start in starts
         if start == 0 or start + _FIRST_ROWS <= count
     ]
-    nearby = float(np.median(pieces))
-    period = _median_slope(numbers, times)
-    counts_all = numbered and period > 0 and not _counted(times / period - numbers, ahead)[0].any()
-    if not counts_all:
-        period, stop = nearby, min(_FIRST_ROWS, count)
-        while stop < count:
-            period = refined(slice(stop), period)
-            stop = min(2 * stop, count)
+    period = nearby = float(np.median(pieces))
+    stop = min(_FIRST_ROWS, count)
+    while stop < count:
+        period = refined(slice(stop), period)
+        stop = min(2 * stop, count)
     period = refined(slice(count), period)
     if period <= 0:
         return None
@@ -615,10 +633,44 @@ def settle(
         offset,
         residual,
         float(np.median(np.abs(left))),
-        # In long bursts, the last rows of either half place the line.
-        2 * residual / count if counts_all and residual > _UNSETTLED else abs(period / nearby - 1),
+        abs(period / nearby - 1),
         count_sources(times, period),
     )
+
+
+def _common_period(times: NDArray[np.float64], guess: float) -> float:
+    """The period near a guess at which the phases of rows agree best, whatever rows are lost.
+
+    It has the largest sum of the periodograms of some pieces. Where random rows could have one as
+    large, the guess.
+    """
+    rows = min(len(times), _PIECE_ROWS)
+    starts = np.linspace(0, len(times) - rows, min(_PIECES, len(times) // rows)).astype(int)
+    bins = _FINE_BINS * rows
+    power = np.zeros(_PADDING * bins // 2 + 1)
+    for start in starts.tolist():
+        piece = (times[start : start + rows] - times[start]) * (_FINE_BINS / guess)
+        counts = np.bincount(piece[(piece >= 0) & (piece < bins)].astype(np.int64))
+        power += np.abs(np.fft.rfft(counts, _PADDING * bins)) ** 2
+    low, high = (int(share * _PADDING * rows) for share in (0.99, 1.1))
+    best = low + int(power[low:high].argmax())
+    is_sure = power[best] > (len(starts) + _SURE) * rows
+    return guess * _PADDING * rows / best if is_sure else guess
+
+
+def _by_numbers(times: NDArray[np.float64], numbers: NDArray[np.float64]) -> Settled | None:
+    """Rows whose numbers count all that were lost; None where rows come later for good."""
+    period = _median_slope(numbers, times)
+    if period <= 0:
+        return None
+    phase = times / period - numbers
+    middle = float(np.median(phase))
+    residual = float(np.median(np.abs(phase - middle)))
+    if _counted(phase, _NUMBERED_BURST_ROWS)[0][-1] > residual:
+        return None
+    # The delay of the last rows of either half turns the line.
+    turned = 2 * residual / len(times) if residual > _UNSETTLED else 0.0
+    return Settled(numbers, period, middle * period, residual, 0.0, turned, 1)
 
 
 def _wander(left: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -702,6 +754,14 @@ def _half_range(residual: NDArray[np.float64]) -> float:
     return float(residual.max() - residual.min()) / 2
 
 
+def whole_ns(stamp: Decimal, unit_exponent: int = 0) -> int:
+    """Rounded; ValueError, with the reason, beyond 64 bits."""
+    ns = int(_EXACT.to_integral_value(_EXACT.scaleb(stamp, 9 + unit_exponent)))
+    if not -(1 << 63) <= ns < 1 << 63:
+        raise ValueError("is more than 292 years from zero, too far to be kept in ns")
+    return ns
+
+
 def _at(ticks: NDArray[np.float64], rate: Fraction) -> NDArray[np.float64]:
     return ticks * float(rate.denominator) / float(rate.numerator)
 
@@ -748,10 +808,15 @@ def in_words(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds >= 1 else f"{1000 * seconds:.3g} ms"
 
 
-def deviation_note(largest: float, rate: Fraction, key: str = "") -> str:
+def deviation_note(largest: float, rate: Fraction, key: str = "", *, kept: bool = False) -> str:
     """How far the times of the samples, in s, lie from the regular ones that replace them."""
+    others = (
+        "a channel keeps the others"
+        if kept
+        else "only the regular times are stored. To keep the others, store them as a channel of "
+        "their own, as --keep-stamps does for files"
+    )
     return (
         f"the sample times{key} differ from a regular {float(rate):.6g} Hz by up to "
-        f"{in_words(largest)}; only the regular times are stored. To keep the others, store them "
-        "as a channel of their own"
+        f"{in_words(largest)}; {others}"
     )

@@ -57,6 +57,7 @@ ONLY_IN = {
     "construct": ("format.layout",),
     "msgspec": (
         "descriptions",
+        "convert.maps",
         "writing.streams",
         "replay.profile.parse",
         "lab.scenes.description",
@@ -66,12 +67,21 @@ ONLY_IN = {
     ),
     "matplotlib": tuple(name for name in MODULES if name.startswith("lab.plotting.")),
     "soundfile": ("convert.wav",),
+    "h5py": ("convert.hdf5_files",),
     "fsspec": ("format.source",),
     "sounddevice": ("lab.study.outputs",),
     "hid": ("replay.sinks.hid",),
     "hidraw": ("replay.sinks.hid",),
     "pandas": ("recording",),
     "xarray": ("recording",),
+    "rosbags": ("convert.ros_definitions", "convert.rosbag"),
+    "ruamel": ("convert.rosbag",),
+    "apsw": ("convert.rosbag",),
+    "mcap": ("convert.mcap",),
+    "zstandard": ("convert.mcap",),
+    "lz4": ("convert.mcap", "convert.rosbag"),
+    "nptdms": ("convert.tdms",),
+    "pyarrow": ("convert.arrowtables", "convert.parquet", "convert.feather", "convert.lerobot"),
 }
 HEAVY = {
     "numpy",
@@ -82,6 +92,7 @@ HEAVY = {
     "rich",
     "matplotlib",
     "soundfile",
+    "h5py",
     "sounddevice",
     "hid",
     "hidraw",
@@ -90,6 +101,10 @@ HEAVY = {
     "aiohttp",
     "pandas",
     "xarray",
+    "rosbags",
+    "mcap",
+    "nptdms",
+    "pyarrow",
 }
 
 

@@ -3,53 +3,23 @@
 from __future__ import annotations
 
 import io
-from typing import NamedTuple
+import sys
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from spec import ROOT
+
+sys.path.insert(0, str(ROOT / "tools"))
+
+import stamps
+from stamps import Publisher
 
 from hapfmt.convert import read
 from hapfmt.errors import MovedTimesWarning, ParameterError
 from hapfmt.recording import Recording, Span
 from hapfmt.times import settle
-
-
-class Publisher(NamedTuple):
-    """A device of nominally ``rate`` Hz, and what happens to the times of its messages.
-
-    ``jitter``: standard deviation in periods; ``late``: messages come late only. ``lost``: ticks
-    from, to. ``bursts``: share of rows at which 12 rows begin that come together.
-    """
-
-    rows: int = 20_000
-    rate: float = 1000.0
-    drift_ppm: float = 40.0
-    jitter: float = 0.08
-    late: bool = True
-    lost: tuple[tuple[int, int], ...] = ((7000, 7030),)
-    bursts: float = 0.002
-    seed: int = 0
-
-    @property
-    def period(self) -> float:
-        return 1 / (self.rate * (1 - self.drift_ppm * 1e-6))
-
-    def messages(self) -> tuple[np.ndarray, np.ndarray]:
-        """The true ticks, from 0, and the times in s."""
-        generator = np.random.default_rng(self.seed)
-        ticks = np.arange(self.rows)
-        for start, stop in self.lost:
-            ticks = ticks[(ticks < start) | (ticks >= stop)]
-        delay = generator.normal(0, self.jitter, len(ticks))
-        times = (ticks + (np.abs(delay) if self.late else delay)) * self.period
-        for first in np.flatnonzero(generator.random(len(ticks)) < self.bursts):
-            last = min(first + 12, len(ticks)) - 1
-            times[first : last + 1] = np.maximum(times[first : last + 1], times[last])
-        times = np.maximum.accumulate(times) + 1e-12 * np.arange(len(ticks))
-        return ticks - ticks[0], times
-
 
 CASES = {
     "as it comes": Publisher(),
@@ -105,11 +75,12 @@ def test_scattered_losses(jitter, late, lost, wrong, seed):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_many_losses_are_counted_or_refused(seed):
+def test_many_losses(seed):
+    """One row in a hundred; the period of all rows is not that of the rows that came."""
     lost = scattered(0.01, seed)
     ticks, times = Publisher(jitter=0.3, late=False, lost=lost, bursts=0, seed=seed).messages()
     found = settle(times)
-    assert not found.is_regular or np.count_nonzero(found.ticks != ticks) <= 0.02 * len(ticks)
+    assert found.is_regular and np.count_nonzero(found.ticks != ticks) <= 0.02 * len(ticks)
 
 
 def test_the_loss_is_where_it_was():
@@ -154,3 +125,17 @@ def test_publishers_in_turn_are_refused(rates):
     assert settle(together).sources == len(rates)
     with pytest.raises(ParameterError, match=f"from {len(rates)} sources in turn"):
         table(together)
+
+
+def is_on_the_page(lines: list[str]) -> bool:
+    page = (ROOT / "docs" / "files-and-formats.md").read_text("utf-8")
+    return "\n".join(lines) in page
+
+
+def test_the_table_of_wrong_ticks():
+    assert is_on_the_page([*stamps.lines(stamps.DELAYS[:1])])
+
+
+@pytest.mark.deep
+def test_the_whole_table_of_wrong_ticks():
+    assert is_on_the_page([*stamps.lines()])

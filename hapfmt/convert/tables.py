@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..clocks import ClockMap, ClockObservation
 from ..errors import LimitError, ParameterError
-from ..recording import Calibration, Channel, Event, Recording, Span, spans_at, unique
+from ..recording import Calibration, Channel, Deviation, Event, Recording, Span, spans_at, unique
 from .common import CHANNEL_LIMIT, with_notes
 
 ROWS = 1 << 16
@@ -41,6 +42,7 @@ class ImportColumn:
     lsb: float | None = None
     dtype: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.float64))
     source_unit: str = ""
+    deviation: Deviation | None = None
 
 
 @dataclass(frozen=True)
@@ -106,11 +108,19 @@ class Import:
     attachments: Mapping[str, tuple[str, bytes]] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     notes: tuple[str, ...] = ()
+    clocks: tuple[ClockObservation, ...] = ()
+    clock_maps: tuple[ClockMap, ...] = ()
 
     @property
     def size(self) -> int:
         """Bytes that all values take."""
         return sum(table.row_count * table.row_size for table in self.tables)
+
+    @property
+    def duration(self) -> Fraction:
+        """Seconds from the zero to the end of the last row."""
+        ends = [(t.spans[-1].stop / t.rate) for t in self.tables if t.row_count]
+        return max(ends, default=Fraction(0))
 
     @property
     def labels(self) -> list[str]:
@@ -132,6 +142,7 @@ class Import:
                 np.empty(0, column.dtype), table.rate, calibration=column.calibration, label=label,
                 unit=column.unit, quantity=column.quantity, axis=column.axis, group=column.group,
                 body_site=column.body_site, device=column.device, lsb=column.lsb,
+                deviation=column.deviation,
             )
             for (table, column), label in zip(columns, self.labels, strict=True)
         ]  # fmt: skip
@@ -153,6 +164,8 @@ class Import:
             metadata=with_notes(metadata, self.all_notes),
             attachments=dict(self.attachments),
             events=self.events,
+            clocks=self.clocks,
+            clock_maps=self.clock_maps,
         )
 
     def recording(
@@ -213,7 +226,7 @@ def import_of(recording: Recording) -> Import:
                 ImportColumn(
                     channel.label, channel.unit, channel.quantity, channel.axis, channel.group,
                     channel.body_site, channel.device, channel.calibration, channel.lsb,
-                    channel.stored.dtype,
+                    channel.stored.dtype, deviation=channel.deviation,
                 ),
             ),
             rate=channel.rate_exact,
@@ -242,4 +255,6 @@ def import_of(recording: Recording) -> Import:
         recording.attachments,
         recording.events,
         tuple(notes if isinstance(notes, list) else [notes]),
+        recording.clocks,
+        recording.clock_maps,
     )
