@@ -42,6 +42,11 @@ from .screen import Verb
 @unit_option
 @input_format_option
 @output_format_option("hapf")
+@click.option(
+    "--schema",
+    type=click.Choice(["ros2", "json"]),
+    help="Messages of an .mcap output: those of ROS 2, or JSON. [ros2]",
+)
 @memory_option
 @force_option
 @json_option
@@ -52,6 +57,7 @@ def convert(
     unit: str | None,
     input_format: str | None,
     output_format: str | None,
+    schema: str | None,
     force: bool,
     as_json: bool,
     max_memory: Limits,
@@ -69,6 +75,8 @@ def convert(
     if suffix_of(source, input_format) == suffix_of(target, output_format) == HAPF:
         raise ParameterError("both are .hapf: copy the file, or use hapfmt encode")
     if suffix_of(target, output_format) == HAPF:
+        if schema is not None:
+            raise ParameterError(".hapf files do not use schema")
         refuse_target(target, force)
     else:
         refuse_output(target, output_format, force)
@@ -83,7 +91,7 @@ def convert(
         with progress("encoding") as advance:
             write(recording, output_of(target), Settings(), force=force, progress=advance)
     else:
-        save_recording(recording, target, output_format, force, max_memory)
+        save_recording(recording, target, output_format, force, max_memory, schema=schema)
     if as_json and target != "-":
         echo_json(
             {
