@@ -232,7 +232,10 @@ class TestTimes:
         with bag(folder, "db3", "simulated") as one:
             for row in range(100):
                 one.put("/ft", START + row * 10**7, one.wrench(10**7 * row + 10**9, [row] * 6))
-        assert read(path_of(folder, "db3", "simulated")).epoch_ns is None
+        recording = read(path_of(folder, "db3", "simulated"), keep_stamps=True)
+        assert recording.epoch_ns is None
+        stamps = recording["stamp"].to_numpy() + 10**7 * np.arange(100)
+        assert (stamps == 10**9 + 10**7 * np.arange(100)).all()
 
     def test_clocks_that_cannot_be_one_are_refused(self, folder):
         with bag(folder, "db3", "mixed") as one:

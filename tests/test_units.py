@@ -42,6 +42,9 @@ SPELLINGS = {
     "k\u2126": "kOhm",
     "hz": "Hz",
     "rpm": "{rev}/min",
+    "microvolts": "uV",
+    "millivolt": "mV",
+    "Millinewton": "mN",
     "g0": "[g]",
     "lbf": "[lbf_av]",
 }

@@ -256,6 +256,7 @@ class _MessageReading:
         if first is not None:
             anchors.append(Placed(Fraction(1), np.zeros(1, np.int64), first, (), 0, 0.0))
         epoch_ns, starts = align(anchors)
+        epoch = epoch_ns if epoch_ns >= _UNIX_NS else None
         names = self.prefixes(order, scans, columns)
         tables = [
             self.table(scans[n], placed[n], start, columns[n], names[n], clocks[n])
@@ -268,7 +269,7 @@ class _MessageReading:
             for place_, number in enumerate(order):
                 extra.append(
                     stamp_channel(
-                        placed[number], stamps[number], epoch_ns, tables[place_].start_tick
+                        placed[number], stamps[number], epoch or 0, tables[place_].start_tick
                     )
                 )
                 one = tables[place_]
@@ -284,7 +285,7 @@ class _MessageReading:
         return Import(
             tables=tuple(final),
             blocks=reading.blocks,
-            epoch_ns=epoch_ns if epoch_ns >= _UNIX_NS else None,
+            epoch_ns=epoch,
             metadata=metadata,
             attachments=attachments,
             events=tuple(
