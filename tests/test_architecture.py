@@ -56,6 +56,7 @@ nothing."""
 ONLY_IN = {
     "construct": ("format.layout",),
     "msgspec": (
+        "convert.mcap_writer",
         "descriptions",
         "convert.maps",
         "writing.streams",
@@ -77,9 +78,10 @@ ONLY_IN = {
     "rosbags": ("convert.ros_definitions", "convert.rosbag"),
     "ruamel": ("convert.rosbag",),
     "apsw": ("convert.rosbag",),
-    "mcap": ("convert.mcap",),
+    "mcap": ("convert.mcap", "convert.mcap_writer"),
     "zstandard": ("convert.mcap",),
     "lz4": ("convert.mcap", "convert.rosbag"),
+    "nptdms": ("convert.tdms",),
     "pyarrow": ("convert.arrowtables", "convert.parquet", "convert.feather", "convert.lerobot"),
 }
 HEAVY = {
@@ -102,6 +104,7 @@ HEAVY = {
     "xarray",
     "rosbags",
     "mcap",
+    "nptdms",
     "pyarrow",
 }
 

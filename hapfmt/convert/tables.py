@@ -117,6 +117,12 @@ class Import:
         return sum(table.row_count * table.row_size for table in self.tables)
 
     @property
+    def duration(self) -> Fraction:
+        """Seconds from the zero to the end of the last row."""
+        ends = [(t.spans[-1].stop / t.rate) for t in self.tables if t.row_count]
+        return max(ends, default=Fraction(0))
+
+    @property
     def labels(self) -> list[str]:
         """Labels of all channels, made unique."""
         return unique([c.label for table in self.tables for c in table.columns], [])
