@@ -125,7 +125,7 @@ class ReadOptions:
     map
         path of a TOML file that says where channels, times and units are.
     keep_stamps
-        keep the original time stamps, as one lossless channel for each table.
+        keep the original time stamps, as a channel of integers for each table.
     max_memory
         bytes that the values may take.
     progress
@@ -376,7 +376,7 @@ NPZ = Format(
     module="hapfmt.convert.npz",
     writes=True,
     magic=((0, b"PK"),),
-    options=frozenset({"transpose"}),
+    options=frozenset({"transpose", "keep_stamps"}),
 )
 NPY = Format(
     name="npy",
@@ -387,7 +387,14 @@ NPY = Format(
     magic=((0, b"\x93NUMPY"),),
     options=frozenset({"transpose"}),
 )
-CSV = Format(name="csv", title="CSV", suffixes=(".csv",), module="hapfmt.convert.csv", writes=True)
+CSV = Format(
+    name="csv",
+    title="CSV",
+    suffixes=(".csv",),
+    module="hapfmt.convert.csv",
+    writes=True,
+    options=frozenset({"keep_stamps"}),
+)
 WAV = Format(
     name="wav",
     title="WAV",
@@ -412,8 +419,9 @@ MCAP = Format(
     title="MCAP",
     suffixes=(".mcap",),
     module="hapfmt.convert.mcap",
+    writes=True,
     magic=((0, b"\x89MCAP0\r\n"),),
-    options=_TOPICS,
+    options=_TOPICS | {"schema"},
 )
 ROSBAG = Format(
     name="rosbag",

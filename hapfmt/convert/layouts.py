@@ -538,7 +538,7 @@ def built(tree: SourceTree, planned: list[PlannedTable], options: ReadOptions) -
             continue
         extra = None
         if grid is not None and own is not None and options.keep_stamps:
-            extra = stamp_channel(grid, own, zero, starts[number])
+            extra = stamp_channel(grid, own, epoch_ns or 0, starts[number])
             stem = one.name.strip("/").replace("/", ".")
             columns.append(
                 ImportColumn(f"{stem}.stamp" if stem else "stamp", "ns", dtype=np.dtype(np.int64))
