@@ -464,6 +464,21 @@ TDMS = Format(
     magic=((0, b"TDSm"),),
     options=frozenset({"select"}),
 )
+HJIF = Format(
+    name="hjif",
+    title="HJIF",
+    suffixes=(".hjif",),
+    module="hapfmt.convert.hjif",
+    writes=True,
+    options=frozenset({"select"}),
+)
+AHAP = Format(
+    name="ahap",
+    title="AHAP",
+    suffixes=(".ahap",),
+    module="hapfmt.convert.ahap",
+    options=frozenset({"select"}),
+)
 EDF = Format(
     name="edf",
     title="EDF",
@@ -510,6 +525,23 @@ MAT = Format(
     options=HDF5.options,
 )
 OURS = (
-    NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, XDF, TDMS, PARQUET, FEATHER, HDF5, MAT,
-)  # fmt: skip
+    NPZ,
+    NPY,
+    CSV,
+    WAV,
+    MCAP,
+    ROSBAG,
+    ROS2,
+    FLAC,
+    EDF,
+    BDF,
+    XDF,
+    TDMS,
+    HJIF,
+    AHAP,
+    PARQUET,
+    FEATHER,
+    HDF5,
+    MAT,
+)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
