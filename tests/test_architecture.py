@@ -56,6 +56,7 @@ nothing."""
 ONLY_IN = {
     "construct": ("format.layout",),
     "msgspec": (
+        "convert.mcap_writer",
         "descriptions",
         "convert.maps",
         "writing.streams",
@@ -77,7 +78,7 @@ ONLY_IN = {
     "rosbags": ("convert.ros_definitions", "convert.rosbag"),
     "ruamel": ("convert.rosbag",),
     "apsw": ("convert.rosbag",),
-    "mcap": ("convert.mcap",),
+    "mcap": ("convert.mcap", "convert.mcap_writer"),
     "zstandard": ("convert.mcap",),
     "lz4": ("convert.mcap", "convert.rosbag"),
     "nptdms": ("convert.tdms",),

@@ -553,12 +553,18 @@ def save_recording(
     format_: str | None,
     force: bool,
     limits: Limits | None = None,
+    **given: Any,
 ) -> None:
     from ..convert import save
 
     target = output_of(name, text=suffix_of(name, format_) == CSV)
     room = limits.memory if limits else None
-    for each in save(recording, target, format=format_, force=force, max_memory=room):
+    with progress("writing") as advance:
+        notes = save(
+            recording, target, format=format_, force=force, max_memory=room, progress=advance,
+            **given,
+        )  # fmt: skip
+    for each in notes:
         note(each)
     if name == "-":
         target.flush()  # type: ignore[union-attr]

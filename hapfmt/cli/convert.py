@@ -43,6 +43,11 @@ from .screen import Verb
 @unit_option
 @input_format_option
 @output_format_option("hapf")
+@click.option(
+    "--schema",
+    type=click.Choice(["ros2", "json"]),
+    help="Messages of an .mcap output: those of ROS 2, or JSON. [ros2]",
+)
 @memory_option
 @force_option
 @json_option
@@ -53,6 +58,7 @@ def convert(
     unit: str | None,
     input_format: str | None,
     output_format: str | None,
+    schema: str | None,
     force: bool,
     as_json: bool,
     max_memory: Limits,
@@ -76,6 +82,8 @@ def convert(
         raise ParameterError("both are .hapf: copy the file, or use hapfmt encode")
     suffix = suffix_of(target, output_format)
     if suffix == HAPF:
+        if schema is not None:
+            raise ParameterError(".hapf files do not use schema")
         refuse_target(target, force)
     else:
         refuse_output(target, output_format, force)
@@ -89,7 +97,7 @@ def convert(
                 with progress("encoding") as advance:
                     write(found, output_of(target), Settings(), force=force, progress=advance)
             else:
-                save_recording(found, target, output_format, force, max_memory)
+                save_recording(found, target, output_format, force, max_memory, schema=schema)
             count, written = found.sample_count, contents(found)
             notes = notes_of(found)
         else:

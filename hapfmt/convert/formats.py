@@ -419,8 +419,9 @@ MCAP = Format(
     title="MCAP",
     suffixes=(".mcap",),
     module="hapfmt.convert.mcap",
+    writes=True,
     magic=((0, b"\x89MCAP0\r\n"),),
-    options=_TOPICS,
+    options=_TOPICS | {"schema"},
 )
 ROSBAG = Format(
     name="rosbag",

@@ -397,7 +397,7 @@ class _MessageReading:
             scan.logs.extend([message.log_ns for message in messages])
             scan.sequence.extend([message.number for message in messages])
 
-        for number, messages in _batches(self.file.messages(wanted)):
+        for number, messages in batches(self.file.messages(wanted)):
             left -= len(messages)
             if left < 0:
                 raise LimitError(
@@ -585,7 +585,7 @@ class _MessageReading:
         found: list[tuple[int, str, str]] = []
         row = dict.fromkeys(wanted, 0)
         left = self.options.max_memory
-        for number, messages in _batches(self.file.messages(wanted)):
+        for number, messages in batches(self.file.messages(wanted)):
             topic = scans[number].topic
             assert topic.decoder is not None
             texts = [""] * len(messages)
@@ -626,7 +626,7 @@ class _SecondPass:
     def blocks(self) -> Iterator[ImportBlock]:
         done = [0] * len(self.places)
         wanted = {number for number, place_ in self.places.items() if self.selected[place_]}
-        for number, messages in _batches(self.file.messages(wanted)):
+        for number, messages in batches(self.file.messages(wanted)):
             place_ = self.places[number]
             first, table = done[place_], self.tables[place_]
             rows = len(messages)
@@ -652,7 +652,7 @@ class _SecondPass:
             yield ImportBlock(place_, first, values)
 
 
-def _batches(messages: Iterator[TopicMessage]) -> Iterator[tuple[int, list[TopicMessage]]]:
+def batches(messages: Iterator[TopicMessage]) -> Iterator[tuple[int, list[TopicMessage]]]:
     """The messages topic by topic, some at a time."""
     waiting: dict[int, list[TopicMessage]] = {}
     sizes: dict[int, int] = {}
@@ -731,5 +731,6 @@ __all__ = [
     "MessageFile",
     "Topic",
     "TopicMessage",
+    "batches",
     "read_messages",
 ]
