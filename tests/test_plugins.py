@@ -101,7 +101,8 @@ class TestThePage:
         assert done.returncode == 0 and len(hapfmt.read(tmp_path / "g.npz")) == 2
         done = hapfmt_in(tmp_path, "convert", "grasp.hapf", "back.glv", path=glove)
         assert done.returncode == 0 and "units and events are not kept" in done.stderr
-        assert (tmp_path / "back.glv").read_bytes() == (tmp_path / "grasp.glv").read_bytes()
+        given, found = ((tmp_path / f"{x}.glv").read_bytes() for x in ("grasp", "back"))
+        assert found.split(b"\n", 2)[2] == given.split(b"\n", 2)[2]
         hapfmt.write(np.full((2, 9), 33.0), tmp_path / "far.hapf", rate=10, units="N")
         done = hapfmt_in(tmp_path, "convert", "far.hapf", "far.glv", path=glove)
         assert done.returncode == 1 and "up to 32.767 N" in done.stderr

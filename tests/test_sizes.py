@@ -112,7 +112,7 @@ def test_readme():
         "# x\n\n| recording | old |\n|---|--:|\n| sand | 1 |\n\nText. Measured at commit 1\non a\n"
         "machine.\n\n## More\n"
     )
-    assert sizes.readme(text, sizes.markdown(ROWS)).split("\n")[:9] == [
+    assert sizes.readme(text, sizes.markdown(ROWS), sizes.measured_at()).split("\n")[:9] == [
         "# x", "",
         "| recording | channels | FLAC | lossless |",
         "|---|--:|--:|--:|",

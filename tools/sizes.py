@@ -299,12 +299,15 @@ def markdown(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def readme(text: str, table: str) -> str:
+def measured_at() -> str:
+    return f"Measured at commit {commit(ROOT)} on {machine()}."
+
+
+def readme(text: str, table: str, said: str) -> str:
     """The README with the lines of the scenes and of all recordings, and what they come from."""
     first, kept = lambda x: x.split("|")[1].strip(), {"recording", "---", *SCENES}
     lines = [x for x in table.split("\n") if first(x) in kept or first(x).endswith(" recordings")]
     text = re.sub(r"\| recording \|.*\n(\|.*\n)+", lambda _: "\n".join(lines) + "\n", text)
-    said = f"Measured at commit {commit(ROOT)} on {machine()}."
     return re.sub(r"Measured at commit [\s\S]*?(?=\n\n)", lambda _: said, text)
 
 
@@ -317,7 +320,7 @@ def readme(text: str, table: str) -> str:
 @click.option("--only", default="", help="Recordings whose name contains this.")
 @click.option("--write", "to_readme", is_flag=True, help="Put the table into README.md.")
 def main(data: Path | None, seconds: float, only: str, to_readme: bool) -> None:
-    on = origin()
+    on, said = origin(), measured_at()
     rows = []
     for name, recording in chain(scenes(seconds), load_all(data, only, None) if data else ()):
         if only not in name or not recording.sample_count:
@@ -342,7 +345,7 @@ def main(data: Path | None, seconds: float, only: str, to_readme: bool) -> None:
         print(f"Not installed: {', '.join(missing)}.")
     if to_readme:
         page = ROOT / "README.md"
-        page.write_text(readme(page.read_text("utf-8"), table), "utf-8")
+        page.write_text(readme(page.read_text("utf-8"), table, said), "utf-8")
 
 
 if __name__ == "__main__":
