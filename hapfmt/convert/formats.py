@@ -464,6 +464,21 @@ TDMS = Format(
     magic=((0, b"TDSm"),),
     options=frozenset({"select"}),
 )
+HJIF = Format(
+    name="hjif",
+    title="HJIF",
+    suffixes=(".hjif",),
+    module="hapfmt.convert.hjif",
+    writes=True,
+    options=frozenset({"select"}),
+)
+AHAP = Format(
+    name="ahap",
+    title="AHAP",
+    suffixes=(".ahap",),
+    module="hapfmt.convert.ahap",
+    options=frozenset({"select"}),
+)
 EDF = Format(
     name="edf",
     title="EDF",
@@ -500,5 +515,23 @@ FEATHER = Format(
     magic=((0, b"ARROW1"), (0, b"FEA1")),
     options=frozenset({"select", "clock", "keep_stamps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, XDF, TDMS, PARQUET, FEATHER, HDF5)
+OURS = (
+    NPZ,
+    NPY,
+    CSV,
+    WAV,
+    MCAP,
+    ROSBAG,
+    ROS2,
+    FLAC,
+    EDF,
+    BDF,
+    XDF,
+    TDMS,
+    HJIF,
+    AHAP,
+    PARQUET,
+    FEATHER,
+    HDF5,
+)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
