@@ -53,7 +53,9 @@ class TestThePage:
     @pytest.fixture
     def glove(self, tmp_path: Path) -> Path:
         pytest.importorskip("setuptools", reason="builds the package")
-        toml, code, made, writer = (b.body for b in blocks(PAGE) if b.kind in ("toml", "python"))
+        toml, code, made, *_, writer = (
+            b.body for b in blocks(PAGE) if b.kind in ("toml", "python")
+        )
         folder = tmp_path / "glove"
         folder.mkdir()
         (folder / "pyproject.toml").write_text(toml)
@@ -74,7 +76,7 @@ class TestThePage:
         os.chdir(before)
 
     def test_it_is_thirty_lines(self):
-        [code, _, writer] = (b.body for b in blocks(PAGE) if b.kind == "python")
+        code, *_, writer = (b.body for b in blocks(PAGE) if b.kind == "python")
         for text, most in ((code, 30), (writer, 11)):
             written = [line for line in text.splitlines() if line and "import" not in line]
             assert len(written) <= most
