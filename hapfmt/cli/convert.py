@@ -13,6 +13,7 @@ from .common import (
     contents,
     echo_json,
     force_option,
+    fps_option,
     import_options,
     input_format_option,
     json_option,
@@ -42,6 +43,7 @@ from .screen import Verb
 @unit_option
 @input_format_option
 @output_format_option("hapf")
+@fps_option
 @memory_option
 @force_option
 @json_option
@@ -52,6 +54,7 @@ def convert(
     unit: str | None,
     input_format: str | None,
     output_format: str | None,
+    fps: str | None,
     force: bool,
     as_json: bool,
     max_memory: Limits,
@@ -70,6 +73,8 @@ def convert(
         raise ParameterError("both are .hapf: copy the file, or use hapfmt encode")
     if suffix_of(target, output_format) == HAPF:
         refuse_target(target, force)
+        if fps is not None:
+            raise ParameterError("--fps is for LeRobot datasets, not for .hapf")
     else:
         refuse_output(target, output_format, force)
     recording, code = load_recording(
@@ -83,7 +88,7 @@ def convert(
         with progress("encoding") as advance:
             write(recording, output_of(target), Settings(), force=force, progress=advance)
     else:
-        save_recording(recording, target, output_format, force, max_memory)
+        save_recording(recording, target, output_format, force, max_memory, fps=fps)
     if as_json and target != "-":
         echo_json(
             {

@@ -463,5 +463,13 @@ FEATHER = Format(
     magic=((0, b"ARROW1"), (0, b"FEA1")),
     options=frozenset({"select", "clock", "keep_stamps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, PARQUET, FEATHER)
+LEROBOT = Format(
+    name="lerobot",
+    title="LeRobot",
+    module="hapfmt.convert.lerobot",
+    writes=True,
+    folder="meta/info.json",
+    options=frozenset({"select", "clock", "episode", "keep_stamps", "fps"}),
+)
+OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, PARQUET, FEATHER, LEROBOT)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
