@@ -97,7 +97,7 @@ class Feature(NamedTuple):
     name: str
     dtype: str
     names: tuple[str, ...]
-    """Of its places, where they have any."""
+    """One for each place; empty where it has none."""
 
 
 class Episode(NamedTuple):
@@ -158,7 +158,7 @@ class Dataset:
         name = _FIELD.sub(number, pattern) if isinstance(pattern, str) else "{"
         outside = ".." in PurePosixPath(name).parts or PureWindowsPath(name).anchor
         if re.search(r"[{}\\]", name) or outside or len(name) > 1000:
-            raise ParameterError(f"{INFO} has a data_path that is no path of a dataset")
+            raise ParameterError(f"{INFO}: data_path does not name a file of the dataset")
         return self.root / name
 
     @cached_property
@@ -264,7 +264,7 @@ def load_lines(path: Path) -> list[Any]:
 
 def whole(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1 << 62:
-        raise ValueError(f"{str(value)[:40]!r} is no number of a row")
+        raise ValueError(f"{str(value)[:40]!r} is not a row number")
     return value
 
 
@@ -388,10 +388,10 @@ def _left_out(features: Sequence[Feature], held: Sequence[str]) -> Iterator[str]
     described = {each.name for each in features}
     for name in held:
         if name not in described and name not in _FRAME and not name.endswith("task_index"):
-            yield f"the column {name!r} is no feature in {INFO}, and is not read"
+            yield f"the column {name!r} is not a feature in {INFO}, and is not read"
 
 
-class Frames(NamedTuple):
+class EpisodeFrames(NamedTuple):
     """Row i is frame ``first + ticks[i]``, or ``first + i`` where ``ticks`` is None.
 
     ``stamps``: how much later than its frame each time stamp is, in ns, where this was wanted.
@@ -416,7 +416,9 @@ class Frames(NamedTuple):
 _CLOCKS = ("frame_index", "timestamp")
 
 
-def _frames(table: ParquetTable, rate: Fraction, options: ReadOptions, notes: list[str]) -> Frames:
+def _frames(
+    table: ParquetTable, rate: Fraction, options: ReadOptions, notes: list[str]
+) -> EpisodeFrames:
     """The frames by their numbers, which are compared with the time stamps, or by these."""
     rows, held = table.row_count, {each.name for each in table.schema}
     memory_check(32 * rows, "the numbers and times of the frames", options.max_memory)
@@ -425,12 +427,13 @@ def _frames(table: ParquetTable, rate: Fraction, options: ReadOptions, notes: li
         numbers = whole_numbers(table, "frame_index", options.max_memory)
         if (np.diff(numbers) < 1).any():
             raise ParameterError("the numbers of the frames do not rise")
-    ns: NDArray[np.int64] | None = None
+    ns = np.empty(0, np.int64)
     if "timestamp" in held:
         seconds = numbers_in(table, "timestamp", options.max_memory).astype(np.float64)
-        if not (np.abs(seconds) < 2.0**31).all():
-            raise ParameterError("the time stamps are not finite, or too large")
-        ns = np.rint(seconds * 1e9).astype(np.int64)
+        if options.clock == "timestamp" or options.keep_stamps:
+            if not (np.abs(seconds) < 2.0**31).all():
+                raise ParameterError("the time stamps are not finite, or too large")
+            ns = np.rint(seconds * 1e9).astype(np.int64)
         if options.clock == "timestamp" and rows:
             placed = place(ns, name="column 'timestamp'", rate=rate)
             assert placed is not None  # a rate is given
@@ -448,9 +451,9 @@ def _frames(table: ParquetTable, rate: Fraction, options: ReadOptions, notes: li
     if ticks is not None:
         notes.append(f"missing frames: {int(ticks[-1]) + 1 - rows}")
     stamps = None
-    if options.keep_stamps and ns is not None:
+    if options.keep_stamps:
         stamps = stamp_channel(Placed(rate, numbers, 0, (), 0, 0.0), ns, 0, 0)
-    return Frames(rate, first, ticks, rows, stamps)
+    return EpisodeFrames(rate, first, ticks, rows, stamps)
 
 
 def _compare(
@@ -463,10 +466,13 @@ def _compare(
     """A note where the time stamps differ from the frames; ParameterError from half a frame on."""
     if not seconds.size:
         return
-    late = seconds - numbers.astype(np.float64) / float(rate)
-    most = float(np.abs(late - np.median(late)).max())
+    with np.errstate(all="ignore"):
+        late = seconds - numbers.astype(np.float64) / float(rate)
+        most = float(np.abs(late - np.median(late)).max())
+    if not np.isfinite(most):
+        raise ParameterError("the time stamps are not finite")
     rounding = float(np.spacing(np.float32(np.abs(seconds).max())))
-    if most <= max(_ON_TIME_S, rounding):
+    if most <= max(min(_ON_TIME_S, 0.1 / float(rate)), rounding):
         return
     differ = (
         f"the time stamps differ from {float(rate):.6g} frames per second by up to {most:.3g} s"
@@ -484,7 +490,7 @@ def _add_texts(
     key: str,
     codes: NDArray[np.int64],
     texts: Mapping[int, str],
-    frames: Frames,
+    frames: EpisodeFrames,
     metadata: dict[str, Any],
     events: list[Event],
     notes: list[str],
@@ -532,7 +538,7 @@ def _tables(
     leaves: Sequence[Leaf],
     columns: Columns,
     features: Sequence[Feature],
-    frames: Frames,
+    frames: EpisodeFrames,
     options: ReadOptions,
     notes: list[str],
     name: str,
@@ -571,7 +577,7 @@ def _tables(
     return tables, blocks
 
 
-class Window(NamedTuple):
+class SampleWindow(NamedTuple):
     """A channel in the windows of a feature: value ``place`` of every ``channels``."""
 
     leaf: int
@@ -627,7 +633,7 @@ def window_size(leaf: Leaf) -> int | None:
     return size
 
 
-def windows_of(leaves: Sequence[Leaf]) -> list[Window]:
+def windows_of(leaves: Sequence[Leaf]) -> list[SampleWindow]:
     """In the order of the channels in the recording."""
     found = []
     for at, leaf in enumerate(leaves):
@@ -643,7 +649,7 @@ def windows_of(leaves: Sequence[Leaf]) -> list[Window]:
 
 def _window(
     entry: Mapping[str, Any], leaf: Leaf, at: int, place: int, count: int, size: int
-) -> Window:
+) -> SampleWindow:
     dtype = np.dtype(str(entry["dtype"]))
     given = entry.get("calibration")
     calibration = None if given is None else Calibration(*given)
@@ -656,7 +662,7 @@ def _window(
         str(entry.get("label", "")), str(entry.get("unit", "1")), calibration=calibration,
         lsb=None if lsb is None else float(lsb), dtype=dtype,
     )  # fmt: skip
-    return Window(
+    return SampleWindow(
         at, place, count, size, whole(entry["number"]), replace(column, **texts),  # type: ignore[arg-type]
         None if entry.get("counts") else calibration,
     )  # fmt: skip
@@ -664,9 +670,9 @@ def _window(
 
 def _import_of_windows(
     table: ParquetTable,
-    windows: Sequence[Window],
+    windows: Sequence[SampleWindow],
     leaves: Sequence[Leaf],
-    frames: Frames,
+    frames: EpisodeFrames,
     options: ReadOptions,
 ) -> tuple[tuple[ImportTable, ...], Callable[[], Iterator[ImportBlock]]]:
     """A table for each channel, since each has gaps of its own."""
@@ -696,8 +702,10 @@ def _import_of_windows(
         }
     tables = []
     for n, each in enumerate(windows):
-        ticks = frames.windows(each.size)
         rows = frames.rows * each.size
+        if frames.ticks is not None:
+            memory_check(8 * rows, "the ticks of the samples", options.max_memory)
+        ticks = frames.windows(each.size)
         if n in masks:
             memory_check(8 * rows, "the ticks of the samples", options.max_memory)
             places = np.flatnonzero(masks[n])
@@ -804,7 +812,7 @@ def _extent(recording: Recording, sizes: Sequence[int]) -> tuple[int, int]:
         if channel.coverage
     ]
     if not ends:
-        return 0, 0
+        raise ParameterError("a recording without samples cannot be written as LeRobot")
     return min(first for first, _ in ends), max(stop for _, stop in ends)
 
 
@@ -856,7 +864,7 @@ def feature_name(group: str) -> str:
 
 @dataclass
 class Statistics:
-    """Of the places of a feature over all frames; LeRobot scales with them. NaN is left out."""
+    """Statistics of each place of a feature, without NaN. LeRobot scales its inputs by them."""
 
     shape: Sequence[int]
     frames: int = 0
