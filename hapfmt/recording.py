@@ -100,14 +100,19 @@ def index_of_channel(event: Event, labels: Sequence[str]) -> int | None:
     return None if event.channel is None else place_of_reference(event.channel, labels, "an event")
 
 
+_DROPS = "rec.sel([...]) drops events and clocks with their channels"
+
+
 def place_of_reference(channel: int | str, labels: Sequence[str], what: str) -> int:
     """The number of a channel that an event or a clock refers to."""
     if isinstance(channel, str):
         if channel not in labels:
-            raise ParameterError(f"{what} names channel {channel!r}, which does not exist")
+            raise ParameterError(
+                f"{what} names channel {channel!r}, which does not exist; {_DROPS}"
+            )
         return labels.index(channel)
     if not 0 <= channel < len(labels):
-        raise ParameterError(f"{what} names channel {channel} of {len(labels)}")
+        raise ParameterError(f"{what} names channel {channel} of {len(labels)}; {_DROPS}")
     return channel
 
 

@@ -56,7 +56,9 @@ nothing."""
 ONLY_IN = {
     "construct": ("format.layout",),
     "msgspec": (
+        "convert.mcap_writer",
         "descriptions",
+        "convert.maps",
         "writing.streams",
         "replay.profile.parse",
         "lab.scenes.description",
@@ -66,6 +68,7 @@ ONLY_IN = {
     ),
     "matplotlib": tuple(name for name in MODULES if name.startswith("lab.plotting.")),
     "soundfile": ("convert.wav",),
+    "h5py": ("convert.hdf5_files",),
     "fsspec": ("format.source",),
     "sounddevice": ("lab.study.outputs",),
     "hid": ("replay.sinks.hid",),
@@ -75,9 +78,10 @@ ONLY_IN = {
     "rosbags": ("convert.ros_definitions", "convert.rosbag"),
     "ruamel": ("convert.rosbag",),
     "apsw": ("convert.rosbag",),
-    "mcap": ("convert.mcap",),
+    "mcap": ("convert.mcap", "convert.mcap_writer"),
     "zstandard": ("convert.mcap",),
     "lz4": ("convert.mcap", "convert.rosbag"),
+    "nptdms": ("convert.tdms",),
     "pyarrow": ("convert.arrowtables", "convert.parquet", "convert.feather", "convert.lerobot"),
 }
 HEAVY = {
@@ -89,6 +93,7 @@ HEAVY = {
     "rich",
     "matplotlib",
     "soundfile",
+    "h5py",
     "sounddevice",
     "hid",
     "hidraw",
@@ -99,6 +104,7 @@ HEAVY = {
     "xarray",
     "rosbags",
     "mcap",
+    "nptdms",
     "pyarrow",
 }
 

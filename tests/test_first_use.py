@@ -260,7 +260,7 @@ class TestReading:
         with pytest.raises(ParameterError, match=r"separated by spaces; .*numpy\.loadtxt"):
             hapfmt.read(tmp_path / "x.txt", rate=1000)
 
-    @pytest.mark.parametrize(("suffix", "way"), [(".mat", "scipy.io.loadmat"), (".h5", "h5py.Fi")])
+    @pytest.mark.parametrize(("suffix", "way"), [(".xlsx", "pandas.read_excel")])
     def test_formats_of_other_libraries(self, tmp_path: Path, suffix: str, way: str) -> None:
         path = tmp_path / f"x{suffix}"
         path.write_bytes(b"\x00\x01" * 300)

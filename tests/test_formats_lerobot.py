@@ -735,5 +735,5 @@ def test_commands(tmp_path):
     for x, y in zip(found, back, strict=True):
         assert x.samples().tobytes() == y.samples().tobytes() and x.rate_exact == y.rate_exact
     done = commands.run("convert", "set", "b.hapf", "--episode", "1", "--fps", "7", cwd=tmp_path)
-    assert done.returncode == 1 and "not for .hapf" in done.stderr.decode()
+    assert done.returncode == 1 and ".hapf files do not use fps" in done.stderr.decode()
     assert {path.name for path in tmp_path.iterdir()} == {"set", "a.hapf", "again"}

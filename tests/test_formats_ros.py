@@ -232,7 +232,10 @@ class TestTimes:
         with bag(folder, "db3", "simulated") as one:
             for row in range(100):
                 one.put("/ft", START + row * 10**7, one.wrench(10**7 * row + 10**9, [row] * 6))
-        assert read(path_of(folder, "db3", "simulated")).epoch_ns is None
+        recording = read(path_of(folder, "db3", "simulated"), keep_stamps=True)
+        assert recording.epoch_ns is None
+        stamps = recording["stamp"].to_numpy() + 10**7 * np.arange(100)
+        assert (stamps == 10**9 + 10**7 * np.arange(100)).all()
 
     def test_clocks_that_cannot_be_one_are_refused(self, folder):
         with bag(folder, "db3", "mixed") as one:
@@ -530,3 +533,106 @@ class TestDamage:
         (path / "metadata.yaml").write_text("a: [")
         with pytest.raises(ParameterError, match=r"metadata\.yaml"):
             read(path)
+
+
+class TestSurvival:
+    """The table of docs/ros-and-mcap.md, cell by cell."""
+
+    DRIFT = 40e-6
+    ROWS = 2003
+
+    def stamp(self, row: int) -> int:
+        """The first and the last message are on time, the others up to 36 us late."""
+        return START + round(row * 10**6 * (1 + self.DRIFT)) + row * 5 % 13 * 3000
+
+    def made(self, kind: str, folder: Path) -> Path:
+        """1 kHz by a slow clock of the device, with 30 messages lost, and other topics."""
+        name = "survival"
+        with bag(folder, kind, name) as one:
+            make = one.make
+            for row in range(self.ROWS):
+                if 700 <= row < 730:
+                    continue
+                t = self.stamp(row)
+                one.put("/ft", t + 80_000 + row % 7, one.wrench(t, [row / 7] * 6, row))
+                if row % 100 == 0:
+                    vector, zeros = one.vector((row, 0, 9.81)), np.zeros(9)
+                    turn = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+                    imu = [
+                        one.header(START + row * 10**6, number=row // 100),
+                        turn,
+                        zeros,
+                        vector,
+                        zeros,
+                        vector,
+                        zeros,
+                    ]
+                    one.put("/imu", t, make("sensor_msgs/msg/Imu", *imu))
+                    joints = [
+                        one.header(START + row * 10**6, number=row // 100),
+                        ["hip"],
+                        np.ones(1),
+                        np.ones(1),
+                        np.ones(1),
+                    ]
+                    one.put("/joints", t, make("sensor_msgs/msg/JointState", *joints))
+                    one.put("/say", t, make("std_msgs/msg/String", f"row {row}"))
+                    layout = make("std_msgs/msg/MultiArrayLayout", [], 0)
+                    loose = np.zeros(row // 100 % 3, np.float32)
+                    one.put("/loose", t, make("std_msgs/msg/Float32MultiArray", layout, loose))
+            seen = make(
+                "sensor_msgs/msg/Image",
+                one.header(START),
+                1,
+                1,
+                "mono8",
+                0,
+                1,
+                np.zeros(1, np.uint8),
+            )
+            one.put("/camera", START, seen)
+        return path_of(folder, kind, name)
+
+    def cells(self, found: Any) -> dict[str, str]:
+        rows = np.delete(np.arange(self.ROWS), range(700, 730))
+        force = found["wrench.force.x"]
+        clocks = {
+            name: [c for c in found.clocks if c.clock == name and c.channel == 0]
+            for name in ("header", "log")
+        }
+        first, last = clocks["header"][0], clocks["header"][-1]
+        period = (last.time_ns - first.time_ns) / (last.tick - first.tick)
+        stamps = {"header": np.array([self.stamp(row) for row in range(self.ROWS)])}
+        stamps["log"] = stamps["header"] + 80_000 + np.arange(self.ROWS) % 7
+        kept = found["stamp"]
+        ticks = np.concatenate([np.arange(*span) for span in kept.coverage])
+        checks = {
+            "numbers": ("exact", force.stored.tolist() == (rows / 7).tolist()),
+            "names of fields and joints": ("exact", "hip.position" in found and "linear_acceleration.z" in found),
+            "`frame_id`": ("exact", force.device == "tool"),
+            "units of the types above": ("exact", [found[n].unit for n in ("wrench.torque.z", "hip.effort", "angular_velocity.x")] == ["N.m", "N.m", "rad/s"]),
+            "lost messages": ("exact", force.gaps == (Span(700, 730),)),
+            "rate of the device": ("within 1 ppm", abs(period / (1e6 * (1 + self.DRIFT)) - 1) < 1e-6),
+            "both clocks, once a second": ("exact", all(one.time_ns == stamps[name][one.tick] for name, own in clocks.items() for one in own) and len(clocks["log"]) >= 4),
+            "every stamp, with `--keep-stamps`": ("exact", np.array_equal(found.epoch_ns + ticks * 10**6 + kept.stored, stamps["header"][rows])),
+            "texts": ("exact", [e.text for e in found.events][:2] == ["row 0", "row 100"]),
+        }  # fmt: skip
+        lost = {
+            "covariances": not any("covariance" in label for label in found.labels),
+            "images": not any("camera" in label for label in found.labels),
+            "arrays of changing length": not any("loose" in label for label in found.labels),
+        }
+        return {name: cell if ok else "broken" for name, (cell, ok) in checks.items()} | {
+            name: "no" if ok else "broken" for name, ok in lost.items()
+        }
+
+    def test_every_cell(self, kind, folder):
+        found = read(self.made(kind, folder), keep_stamps=True)
+        from test_formats_mcap import table
+
+        rows = table("*exact* is bit for bit. The\nlast column quotes")
+        column = {"bag": ".bag", "db3": ".db3", "mcap": ".mcap"}[kind]
+        assert {name: row[column] for name, row in rows.items()} == self.cells(found)
+        notes = "\n".join(found.metadata["notes"])
+        for row in rows.values():
+            assert row["note"] in notes

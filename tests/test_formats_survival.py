@@ -1,4 +1,4 @@
-"""The table of docs/xdf-tdms-edf.md, cell by cell: what comes back of a recording."""
+"""The table "What comes back" of docs/xdf-tdms-edf.md, cell by cell."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ def survival(recording: Recording, format: str) -> str:
     return "rounded" if any("rounded" in note for note in notes) else "no"
 
 
-def table() -> dict[str, dict[str, str]]:
-    part = PAGE.read_text("utf-8").split("## What comes back")[1].split("\n## ")[0]
+def table(section: str = "What comes back") -> dict[str, dict[str, str]]:
+    part = PAGE.read_text("utf-8").split(f"## {section}")[1].split("\n## ")[0]
     head, _, *rows = [
         [cell.strip() for cell in line.strip("|").split("|")]
         for line in re.findall(r"^\|.*\|$", part, re.M)

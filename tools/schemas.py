@@ -7,6 +7,7 @@ from pathlib import Path
 
 import installed  # noqa: F401
 
+from hapfmt.convert.maps import MapKeys
 from hapfmt.descriptions import schema_of
 from hapfmt.lab.scenes.description import Scene
 from hapfmt.lab.study.description import StudyKeys
@@ -14,6 +15,7 @@ from hapfmt.replay.profile.parse import ProfileKeys
 
 ROOT = Path(__file__).resolve().parents[1] / "hapfmt"
 SCHEMAS = {
+    ROOT / "convert" / "schema.json": (MapKeys, "Map of arrays for hapfmt"),
     ROOT / "lab" / "scenes" / "schema.json": (Scene, "Scene of hapfmt"),
     ROOT / "replay" / "profile" / "schema.json": (ProfileKeys, "Device profile of hapfmt"),
     ROOT / "lab" / "study" / "schema.json": (StudyKeys, "Study of hapfmt"),

@@ -13,13 +13,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from fractions import Fraction
+from itertools import pairwise
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
-from ..errors import DAMAGED, UNSUPPORTED, ParameterError, channels_called
+from ..errors import DAMAGED, UNSUPPORTED, LimitError, ParameterError, channels_called
 from ..files import refuse
 from ..format.wire import FILE_ID_LIMIT
 from ..limits import Limits
@@ -29,6 +30,8 @@ from ..units import units_for
 from .screen import JOINED, closed, complain, note, raw, say, terminal_text, width_of
 
 if TYPE_CHECKING:
+    from ..convert.formats import ReadOptions
+    from ..convert.tables import Import
     from ..edit import Edited, Original
     from ..encoder.settings import Tolerance
     from ..lab.parts import Parts
@@ -307,7 +310,7 @@ _IMPORT_OPTIONS = (
     click.option(
         "--keep-stamps",
         is_flag=True,
-        help="Keep the original time stamps, as one lossless channel for each topic or table.",
+        help="Keep the original time stamps in a channel, one for each topic or table.",
     ),
 )
 IMPORT_NAMES = ("rate", "transpose", "select", "clock", "episode", "map", "keep_stamps")
@@ -450,6 +453,62 @@ def load_recording(
         return recording, tell_losses(reader)
 
 
+@contextmanager
+def opened_input(
+    name: str,
+    format_: str | None,
+    limits: Limits,
+    *,
+    whole: str,
+    labels: str | None = None,
+    unit: str | None = None,
+    **given: Any,
+) -> Iterator[tuple[Recording | Import, int]]:
+    """As :func:`load_recording`, but an input of large size is not read: its values come block by
+    block. ``whole`` names what needs all of it in memory, if anything does."""
+    from ..convert import opened
+    from ..convert.tables import Import
+
+    if suffix_of(name, format_) == HAPF:
+        yield load_recording(name, format_, limits, labels=labels, unit=unit, **given)
+        return
+    with ExitStack() as bar:
+        show: list[Callable[[int, int], None]] = [bar.enter_context(progress("reading"))]
+
+        def advance(done: int, total: int) -> None:
+            for each in show:
+                each(done, total)
+
+        with opened(
+            input_of(name), format=format_, limits=limits, progress=advance, **asked_of(given)
+        ) as (_, found, options):
+            kept = read_if_small(found, options, limits, whole)
+            show.clear()
+            bar.close()
+            if isinstance(kept, Import):
+                yield relabelled(kept, labels, unit), 0
+            else:
+                yield described(kept, labels, unit), 0
+
+
+def read_if_small(
+    found: Recording | Import, options: ReadOptions, limits: Limits, whole: str
+) -> Recording | Import:
+    from ..convert.tables import Import
+    from ..writing.importing import STREAMED
+
+    if not isinstance(found, Import):
+        return found
+    if not whole and found.size > min(STREAMED, limits.memory or STREAMED):
+        return found
+    try:
+        return found.recording(options.max_memory, options.progress)
+    except LimitError as error:
+        if not whole:
+            raise
+        raise LimitError(f"{whole} needs the whole recording, and {error.message}") from None
+
+
 def asked_of(given: Mapping[str, Any]) -> dict[str, Any]:
     """The options that were given, as ``hapfmt.read`` takes them."""
     found = {name: value for name, value in given.items() if value is not None and value != ()}
@@ -476,6 +535,24 @@ def described(recording: Recording, labels: str | None, unit: str | None) -> Rec
     return replace(recording, channels=channels)
 
 
+def relabelled(found: Import, labels: str | None, unit: str | None) -> Import:
+    """The same of a file that is not read yet."""
+    if labels is None and unit is None:
+        return found
+    columns = iter(described(found.described(), labels, unit))
+    tables = tuple(
+        replace(
+            table,
+            columns=tuple(
+                replace(column, label=each.label, unit=each.unit)
+                for column, each in zip(table.columns, columns, strict=False)
+            ),
+        )
+        for table in found.tables
+    )
+    return replace(found, tables=tables)
+
+
 def save_recording(
     recording: Recording,
     name: str,
@@ -489,7 +566,12 @@ def save_recording(
 
     target = output_of(name, text=suffix_of(name, format_) == CSV)
     room = limits.memory if limits else None
-    for each in save(recording, target, format=format_, force=force, max_memory=room, **given):
+    with progress("writing") as advance:
+        notes = save(
+            recording, target, format=format_, force=force, max_memory=room, progress=advance,
+            **given,
+        )  # fmt: skip
+    for each in notes:
         note(each)
     if name == "-":
         target.flush()  # type: ignore[union-attr]
@@ -504,13 +586,17 @@ def tell_written(target: str, words: str) -> None:
         say(f"{target}: {words}, {size} bytes")
 
 
-def contents(recording: Recording) -> str:
+def contents(found: Recording | Import) -> str:
     """Summary of a recording: channels and length."""
-    stop = float(recording.duration)
-    begun = [c.start_tick / c.rate_exact for c in recording.channels if c.stored.size]
-    start = float(min(begun, default=0))
+    from ..recording import Recording
+
+    if isinstance(found, Recording):
+        begun = [c.start_tick / c.rate_exact for c in found.channels if c.stored.size]
+    else:
+        begun = [table.spans[0].start / table.rate for table in found.tables if table.spans]
+    stop, start = float(found.duration), float(min(begun, default=0))
     times = f"{start:.6g} to {stop:.6g}" if start else f"{stop:.6g}"
-    return f"{counted(len(recording), 'channel')}, {times}{JOINED}s"
+    return f"{counted(len(found.labels), 'channel')}, {times}{JOINED}s"
 
 
 def tell_losses(reader: Reader) -> int:
@@ -542,14 +628,31 @@ def tell_notes(recording: Recording) -> None:
     """Notes on changes while reading the input, and on its gaps."""
     for each in notes_of(recording):
         note(each)
-    missing = [sum(gap.ticks for gap in channel.gaps) for channel in recording.channels]
+    tell_gaps(recording.labels, [[gap.ticks for gap in c.gaps] for c in recording.channels])
+
+
+def tell_import(found: Import) -> None:
+    """The same of a file whose values are not read yet; NaN among them are not counted."""
+    for each in found.all_notes:
+        note(each)
+    gaps = [
+        [after.start - before.stop for before, after in pairwise(table.spans)]
+        for table in found.tables
+        for _ in table.columns
+    ]
+    tell_gaps(found.labels, gaps)
+
+
+def tell_gaps(labels: Sequence[str], found: Sequence[Sequence[int]]) -> None:
+    """A note on the gaps of each channel, given as their ticks."""
+    missing = [sum(gaps) for gaps in found]
     if not any(missing):
         return
-    gaps = sum(len(channel.gaps) for channel in recording.channels)
+    gaps = sum(map(len, found))
     most = max(missing)
     where = ""
     if len(missing) > 1:
-        name = recording.channels[missing.index(most)].label or f"channel {missing.index(most)}"
+        name = labels[missing.index(most)] or f"channel {missing.index(most)}"
         where = f", all in {name}" if most == sum(missing) else f", most in {name} ({most})"
     stay = "it stays a gap" if gaps == 1 else "they stay gaps"
     note(f"{counted(gaps, 'gap')} with {counted(sum(missing), 'missing sample')}{where}: {stay}")

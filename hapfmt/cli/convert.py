@@ -18,9 +18,9 @@ from .common import (
     input_format_option,
     json_option,
     labels_option,
-    load_recording,
     memory_option,
     notes_of,
+    opened_input,
     output_format_option,
     output_of,
     progress,
@@ -28,6 +28,7 @@ from .common import (
     refuse_target,
     save_recording,
     suffix_of,
+    tell_import,
     tell_notes,
     tell_written,
     unit_option,
@@ -43,6 +44,11 @@ from .screen import Verb
 @unit_option
 @input_format_option
 @output_format_option("hapf")
+@click.option(
+    "--schema",
+    type=click.Choice(["ros2", "json"]),
+    help="Messages of an .mcap output: those of ROS 2, or JSON. [ros2]",
+)
 @fps_option
 @memory_option
 @force_option
@@ -54,6 +60,7 @@ def convert(
     unit: str | None,
     input_format: str | None,
     output_format: str | None,
+    schema: str | None,
     fps: str | None,
     force: bool,
     as_json: bool,
@@ -69,35 +76,51 @@ def convert(
     hapfmt convert touch.csv touch.npz
     hapfmt convert touch.hapf touch.wav
     """
+    from ..encoder.settings import Settings
+    from ..recording import Recording
+    from ..writing.importing import write_import
+    from ..writing.writer import write
+
     if suffix_of(source, input_format) == suffix_of(target, output_format) == HAPF:
         raise ParameterError("both are .hapf: copy the file, or use hapfmt encode")
-    if suffix_of(target, output_format) == HAPF:
+    suffix = suffix_of(target, output_format)
+    if suffix == HAPF:
+        for name, value in (("schema", schema), ("fps", fps)):
+            if value is not None:
+                raise ParameterError(f".hapf files do not use {name}")
         refuse_target(target, force)
-        if fps is not None:
-            raise ParameterError("--fps is for LeRobot datasets, not for .hapf")
     else:
         refuse_output(target, output_format, force)
-    recording, code = load_recording(
-        source, input_format, max_memory, labels=labels, unit=unit, **given
-    )
-    tell_notes(recording)
-    if suffix_of(target, output_format) == HAPF:
-        from ..encoder.settings import Settings
-        from ..writing.writer import write
-
-        with progress("encoding") as advance:
-            write(recording, output_of(target), Settings(), force=force, progress=advance)
-    else:
-        save_recording(recording, target, output_format, force, max_memory, fps=fps)
+    with opened_input(
+        source, input_format, max_memory, whole="" if suffix == HAPF else f"{suffix} output",
+        labels=labels, unit=unit, **given,
+    ) as (found, code):  # fmt: skip
+        if isinstance(found, Recording):
+            tell_notes(found)
+            if suffix == HAPF:
+                with progress("encoding") as advance:
+                    write(found, output_of(target), Settings(), force=force, progress=advance)
+            else:
+                save_recording(
+                    found, target, output_format, force, max_memory, schema=schema, fps=fps
+                )
+            count, written = found.sample_count, contents(found)
+            notes = notes_of(found)
+        else:
+            tell_import(found)
+            with progress("encoding") as advance:
+                summary = write_import(found, output_of(target), force=force, progress=advance)
+            count, written = summary.sample_count, contents(found)
+            notes = found.all_notes
     if as_json and target != "-":
         echo_json(
             {
-                "channel_count": len(recording),
-                "sample_count": recording.sample_count,
-                "duration_s": float(recording.duration),
-                "notes": notes_of(recording),
+                "channel_count": len(found.labels),
+                "sample_count": count,
+                "duration_s": float(found.duration),
+                "notes": notes,
             }
         )
     else:
-        tell_written(target, contents(recording))
+        tell_written(target, written)
     return code

@@ -33,12 +33,13 @@ from .common import (
     input_format_option,
     json_option,
     labels_option,
-    load_recording,
     memory_option,
+    opened_input,
     output_of,
     progress,
     refuse_target,
     suffix_of,
+    tell_import,
     tell_notes,
     threads_option,
     unit_option,
@@ -351,7 +352,9 @@ def encode(
     hapfmt encode f.npy f.hapf --rate 1000 --preset near-lossless --max-error 1%
     cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf
     """
-    from ..encoder.settings import Settings, lossy_preset, renamed
+    from ..convert.tables import Import
+    from ..encoder.settings import Settings, renamed
+    from ..writing.importing import why_whole, write_import
     from ..writing.writer import write
 
     refuse_target(target, force)
@@ -362,31 +365,57 @@ def encode(
     importing = {name: given.pop(name) for name in IMPORT_NAMES}
     preset, given = renamed(preset, given)
     settings = Settings.of(preset, **given)
-    recording, code = load_recording(
-        source, input_format, max_memory, labels=labels, unit=unit, **importing
-    )
-    tell_notes(recording)
-    if earlier := lossy_preset(recording.metadata.get("encoder")):
-        note(f"the input is already lossy ({earlier}); error bounds count from it")
-    for place, names in enumerate(vectors):
-        recording = with_vector(recording, names.split(","), f"vector {place + 1}")
-    began = time.perf_counter()
-    with progress("encoding") as advance:
-        summary = write(
-            recording,
-            output_of(target),
-            settings,
-            canonical=canonical,
-            force=force,
-            progress=advance,
-            threads=threads,
-        )
+    with opened_input(
+        source, input_format, max_memory, whole=why_whole(settings, canonical), labels=labels,
+        unit=unit, **importing,
+    ) as (found, code):  # fmt: skip
+        if isinstance(found, Import):
+            recording = found.described()
+            tell_import(found)
+            tell_lossy(recording)
+            began = time.perf_counter()
+            with progress("encoding") as advance:
+                summary = write_import(
+                    found,
+                    output_of(target),
+                    settings,
+                    canonical=None if canonical == "content" else canonical,
+                    force=force,
+                    progress=advance,
+                    threads=threads,
+                )
+            duration = found.duration
+        else:
+            recording = found
+            tell_notes(recording)
+            tell_lossy(recording)
+            for place, names in enumerate(vectors):
+                recording = with_vector(recording, names.split(","), f"vector {place + 1}")
+            began = time.perf_counter()
+            with progress("encoding") as advance:
+                summary = write(
+                    recording,
+                    output_of(target),
+                    settings,
+                    canonical=canonical,
+                    force=force,
+                    progress=advance,
+                    threads=threads,
+                )
+            duration = recording.duration
     seconds = time.perf_counter() - began
     if as_json and target != "-":
-        echo_json(summary_json(summary, recording.duration, seconds))
+        echo_json(summary_json(summary, duration, seconds))
     elif target != "-":
         show(summary, target, seconds, recording, verbose=verbose)
     return code
+
+
+def tell_lossy(recording: Recording) -> None:
+    from ..encoder.settings import lossy_preset
+
+    if earlier := lossy_preset(recording.metadata.get("encoder")):
+        note(f"the input is already lossy ({earlier}); error bounds count from it")
 
 
 def with_vector(recording: Recording, names: list[str], group: str) -> Recording:

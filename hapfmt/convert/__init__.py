@@ -130,17 +130,8 @@ def read(
     with _named(file), _source(file, limits) as source:
         chosen = _format_of(source, format)
         if chosen is None:
-            from ..reading.reader import read as read_hapf
-
-            if named_options := [name for name, value in given.items() if value is not None]:
-                raise ParameterError(
-                    "a .hapf file holds its own rate; rate and transpose are for other formats"
-                    if named_options[0] in ("rate", "transpose")
-                    else f"{named_options[0]} is for other formats than .hapf"
-                )
-            opened = file if source.is_local or source.is_url else source.stream
-            return read_hapf(
-                opened, channels, start, stop, band=band, exact=exact, limits=limits,
+            return _hapf(
+                file, source, given, channels, start, stop, band=band, exact=exact, limits=limits,
                 threads=threads,
             )  # fmt: skip
         if band != "full":
@@ -165,13 +156,48 @@ def imported(
     tables, and their values in blocks. ``given`` are the arguments of :func:`read`."""
     from .tables import Import, import_of
 
+    with opened(file, format=format, limits=limits, progress=progress, **given) as (
+        chosen,
+        found,
+        _,
+    ):
+        if chosen is None:
+            raise ParameterError("this is a .hapf file: hapfmt info shows what it holds")
+        yield chosen, found if isinstance(found, Import) else import_of(found)
+
+
+@contextmanager
+def opened(
+    file: str | os.PathLike[str] | bytes | BinaryIO,
+    *,
+    format: str | None = None,
+    limits: Limits | None = None,
+    progress: Advance | None = None,
+    **given: Any,
+) -> Iterator[tuple[Format | None, Recording | Import, ReadOptions]]:
+    """The same as its reader gives it, which may be a Recording, and the options for it. A .hapf
+    file is read whole, and its format is None."""
     with _named(file), _source(file, limits) as source:
         chosen = _format_of(source, format)
         if chosen is None:
-            raise ParameterError("this is a .hapf file: hapfmt info shows what it holds")
+            yield None, _hapf(file, source, given, limits=limits), ReadOptions()
+            return
         options = _options(chosen, given, limits, progress)
-        found = _found(chosen, source, options)
-        yield chosen, found if isinstance(found, Import) else import_of(found)
+        yield chosen, _found(chosen, source, options), options
+
+
+def _hapf(file: Any, source: Source, given: dict[str, Any], *parts: Any, **more: Any) -> Recording:
+    """A .hapf file, which takes none of the options ``given``."""
+    from ..reading.reader import read as read_hapf
+
+    if named_options := [name for name, value in given.items() if value is not None]:
+        raise ParameterError(
+            "a .hapf file holds its own rate; rate and transpose are for other formats"
+            if named_options[0] in ("rate", "transpose")
+            else f"{named_options[0]} is for other formats than .hapf"
+        )
+    is_name = source.is_local or source.is_url
+    return read_hapf(file if is_name else source.stream, *parts, **more)
 
 
 def _recording(chosen: Format, source: Source, options: ReadOptions) -> Recording:
@@ -323,7 +349,6 @@ def _format_of(source: Source, format: str | None) -> Format | None:
 
 MAGIC = b"\x8fHAP"
 _LOADERS = {
-    **dict.fromkeys((".h5", ".hdf", ".hdf5"), "h5py.File"),
     ".mat": "scipy.io.loadmat (h5py.File for version 7.3)",
     ".xls": "pandas.read_excel",
     ".xlsx": "pandas.read_excel",

@@ -19,7 +19,7 @@ import json
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import accumulate
 from math import lcm, prod
@@ -28,7 +28,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..clocks import ClockMap, ClockObservation
+from ..clocks import ClockObservation
 from ..errors import (
     HapfmtError,
     LimitError,
@@ -46,7 +46,6 @@ from ..recording import (
     Event,
     Recording,
     Span,
-    index_of_channel,
     seconds_of,
     unique,
 )
@@ -54,6 +53,7 @@ from ..times import TIME_UNITS, time_name
 from ..units import split_name
 from .common import choose_rate, not_carried, one_rate, rate_from, refusing, unit_of
 from .formats import ReadOptions, WriteOptions
+from .own import CARRIED, own_json, own_members, restored_counts, with_own
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
 from .timestamps import Placed, observations, place, stamp_channel
 
@@ -257,17 +257,6 @@ def texts_of(metadata: Any) -> dict[str, str]:
         key.decode("utf-8", "replace"): value.decode("utf-8", "replace")
         for key, value in (metadata or {}).items()
     }
-
-
-def own_json(text: str | None, what: str) -> dict[str, Any]:
-    """What our writer put under the key ``hapfmt``; {} where nothing is."""
-    if text is None:
-        return {}
-    with refusing(what, RecursionError):
-        found = json.loads(text)
-    if not isinstance(found, dict):
-        raise ParameterError(f"{what}: not a JSON object")
-    return found
 
 
 class Columns:
@@ -596,26 +585,6 @@ def _converted(
             "'hapfmt' from the metadata of the field to read them as they are"
         )
     return counts
-
-
-def restored_counts(
-    x: NDArray[Any], calibration: Calibration, dtype: np.dtype[Any]
-) -> NDArray[Any] | None:
-    """The counts of physical values; None where these are not what the counts give, bit for bit."""
-    if not x.size:
-        return np.empty(0, dtype)
-    with np.errstate(all="ignore"):
-        found = np.rint((x.astype(np.float64) * calibration.d - calibration.b) / calibration.a)
-        if not (np.abs(found) < 2.0**53).all():
-            return None
-        whole = found.astype(np.int64)
-        counts: NDArray[Any] = whole.astype(dtype)
-        if not np.array_equal(counts.astype(np.int64), whole):
-            return None
-        if not calibration.covers(int(whole.min()), int(whole.max())):
-            return None
-        given = calibration.physical(counts).astype(x.dtype)
-    return counts if np.array_equal(given, x) and not np.signbit(x[x == 0]).any() else None
 
 
 # Times
@@ -1020,54 +989,6 @@ def _as_events(
         events=tuple(events),
         notes=tuple(notes),
     )
-
-
-# The other members of a recording
-
-
-def own_members(recording: Recording) -> dict[str, Any]:
-    """The members of a recording as JSON, where it has them."""
-    labels = recording.labels
-    events = [
-        {**vars(e), "time": str(e.time), "duration": str(e.duration),
-         "channel": index_of_channel(e, labels)}
-        for e in recording.events
-    ]  # fmt: skip
-    metadata = {key: value for key, value in recording.metadata.items() if key != "notes"}
-    found = {
-        "epoch_ns": recording.epoch_ns,
-        "epoch_uncertainty_ns": recording.epoch_uncertainty_ns or None,
-        "metadata": metadata or None,
-        "events": events or None,
-        "clocks": [asdict(seen) for seen in recording.clocks] or None,
-        "clock_maps": [asdict(one) for one in recording.clock_maps] or None,
-    }
-    return {key: value for key, value in found.items() if value is not None}
-
-
-CARRIED = (
-    "epoch_ns", "epoch_uncertainty_ns", "events", "calibration", "label", "unit", "quantity",
-    "axis", "group", "body_site", "device", "lsb", "clocks", "clock_maps",
-)  # fmt: skip
-
-
-def with_own(made: Import, own: Mapping[str, Any]) -> Import:
-    """The import with the members that :func:`own_members` wrote."""
-    if not own:
-        return made
-    with refusing("the metadata of the file", RecursionError, AttributeError):
-        events = tuple(Event(**row) for row in own.get("events", []))
-        clocks = tuple(ClockObservation(**row) for row in own.get("clocks", []))
-        maps = tuple(ClockMap(**row) for row in own.get("clock_maps", []))
-        metadata = dict(own.get("metadata", {}))
-        uncertainty = int(own.get("epoch_uncertainty_ns", 0))
-        epoch_ns = own.get("epoch_ns")
-        if epoch_ns is not None:
-            epoch_ns = int(epoch_ns)
-    return replace(
-        made, epoch_ns=epoch_ns, epoch_uncertainty_ns=uncertainty, metadata=metadata,
-        events=events, clocks=clocks, clock_maps=maps,
-    )  # fmt: skip
 
 
 # Writing

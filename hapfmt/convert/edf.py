@@ -529,7 +529,8 @@ class WrittenSignal:
         places = before[span] + np.clip(ticks, starts[span], stops[span] - 1) - starts[span]
         first_place = int(places[0])
         used = self.counts(first_place, int(places[-1]) + 1)
-        return np.take(used, places - first_place)
+        held: NDArray[np.int64] = used[places - first_place]
+        return held
 
 
 def write(recording: Recording, target: Destination, options: WriteOptions) -> list[str]:

@@ -125,7 +125,7 @@ class ReadOptions:
     map
         path of a TOML file that says where channels, times and units are.
     keep_stamps
-        keep the original time stamps, as one lossless channel for each table.
+        keep the original time stamps, as a channel of integers for each table.
     max_memory
         bytes that the values may take.
     progress
@@ -192,6 +192,10 @@ class Source(Closing):
 
     def close(self) -> None:
         self._opened.close()
+
+    def on_close(self, call: Callable[[], object]) -> None:
+        """Call this at the end, when the values have been read."""
+        self._opened.callback(call)
 
     @property
     def suffix(self) -> str:
@@ -372,7 +376,7 @@ NPZ = Format(
     module="hapfmt.convert.npz",
     writes=True,
     magic=((0, b"PK"),),
-    options=frozenset({"transpose"}),
+    options=frozenset({"transpose", "keep_stamps"}),
 )
 NPY = Format(
     name="npy",
@@ -383,7 +387,14 @@ NPY = Format(
     magic=((0, b"\x93NUMPY"),),
     options=frozenset({"transpose"}),
 )
-CSV = Format(name="csv", title="CSV", suffixes=(".csv",), module="hapfmt.convert.csv", writes=True)
+CSV = Format(
+    name="csv",
+    title="CSV",
+    suffixes=(".csv",),
+    module="hapfmt.convert.csv",
+    writes=True,
+    options=frozenset({"keep_stamps"}),
+)
 WAV = Format(
     name="wav",
     title="WAV",
@@ -393,14 +404,24 @@ WAV = Format(
     magic=((0, b"RIFF"), (0, b"RF64"), (0, b"RIFX")),
     options=frozenset({"select"}),
 )
+HDF5 = Format(
+    name="hdf5",
+    title="HDF5",
+    suffixes=(".h5", ".hdf5", ".hdf"),
+    module="hapfmt.convert.hdf5",
+    writes=True,
+    magic=((0, b"\x89HDF\r\n\x1a\n"),),
+    options=frozenset({"transpose", "select", "clock", "episode", "map", "keep_stamps"}),
+)
 _TOPICS = frozenset({"select", "clock", "keep_stamps"})
 MCAP = Format(
     name="mcap",
     title="MCAP",
     suffixes=(".mcap",),
     module="hapfmt.convert.mcap",
+    writes=True,
     magic=((0, b"\x89MCAP0\r\n"),),
-    options=_TOPICS,
+    options=_TOPICS | {"schema"},
 )
 ROSBAG = Format(
     name="rosbag",
@@ -425,6 +446,22 @@ FLAC = Format(
     module="hapfmt.convert.flac",
     writes=True,
     magic=((0, b"fLaC"),),
+    options=frozenset({"select"}),
+)
+XDF = Format(
+    name="xdf",
+    title="XDF",
+    suffixes=(".xdf", ".xdfz"),
+    module="hapfmt.convert.xdf",
+    magic=((0, b"XDF:"),),
+    options=frozenset({"select", "episode", "keep_stamps"}),
+)
+TDMS = Format(
+    name="tdms",
+    title="TDMS",
+    suffixes=(".tdms",),
+    module="hapfmt.convert.tdms",
+    magic=((0, b"TDSm"),),
     options=frozenset({"select"}),
 )
 EDF = Format(
@@ -471,5 +508,22 @@ LEROBOT = Format(
     folder="meta/info.json",
     options=frozenset({"select", "clock", "episode", "keep_stamps", "fps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, PARQUET, FEATHER, LEROBOT)
+OURS = (
+    NPZ,
+    NPY,
+    CSV,
+    WAV,
+    MCAP,
+    ROSBAG,
+    ROS2,
+    FLAC,
+    EDF,
+    BDF,
+    XDF,
+    TDMS,
+    PARQUET,
+    FEATHER,
+    HDF5,
+    LEROBOT,
+)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""

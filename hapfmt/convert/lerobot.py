@@ -38,7 +38,6 @@ from ..recording import Calibration, Channel, Event, Recording, unique
 from ..units import split_name
 from .arrowtables import (
     BATCH_SIZE,
-    CARRIED,
     EVENTS,
     ROWS,
     TEXT_KEYS,
@@ -56,17 +55,14 @@ from .arrowtables import (
     is_number,
     is_text,
     memory_check,
-    own_json,
-    own_members,
     parts_of,
     read_batches,
-    restored_counts,
     text_events,
     texts_of,
-    with_own,
 )
 from .common import choose_rate, not_carried, rate_from, refusing, unit_of
 from .formats import Destination, ReadOptions, Source, WriteOptions
+from .own import CARRIED, own_json, own_members, restored_counts, with_own
 from .parquet import ParquetTable
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
 from .timestamps import Placed, place, stamp_channel

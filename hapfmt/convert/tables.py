@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..clocks import ClockMap, ClockObservation
 from ..errors import LimitError, ParameterError
-from ..recording import Calibration, Channel, Event, Recording, Span, spans_at, unique
+from ..recording import Calibration, Channel, Deviation, Event, Recording, Span, spans_at, unique
 from .common import CHANNEL_LIMIT, with_notes
 
 ROWS = 1 << 16
@@ -42,6 +42,7 @@ class ImportColumn:
     lsb: float | None = None
     dtype: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.float64))
     source_unit: str = ""
+    deviation: Deviation | None = None
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,12 @@ class Import:
         return sum(table.row_count * table.row_size for table in self.tables)
 
     @property
+    def duration(self) -> Fraction:
+        """Seconds from the zero to the end of the last row."""
+        ends = [(t.spans[-1].stop / t.rate) for t in self.tables if t.row_count]
+        return max(ends, default=Fraction(0))
+
+    @property
     def labels(self) -> list[str]:
         """Labels of all channels, made unique."""
         return unique([c.label for table in self.tables for c in table.columns], [])
@@ -135,6 +142,7 @@ class Import:
                 np.empty(0, column.dtype), table.rate, calibration=column.calibration, label=label,
                 unit=column.unit, quantity=column.quantity, axis=column.axis, group=column.group,
                 body_site=column.body_site, device=column.device, lsb=column.lsb,
+                deviation=column.deviation,
             )
             for (table, column), label in zip(columns, self.labels, strict=True)
         ]  # fmt: skip
@@ -218,7 +226,7 @@ def import_of(recording: Recording) -> Import:
                 ImportColumn(
                     channel.label, channel.unit, channel.quantity, channel.axis, channel.group,
                     channel.body_site, channel.device, channel.calibration, channel.lsb,
-                    channel.stored.dtype,
+                    channel.stored.dtype, deviation=channel.deviation,
                 ),
             ),
             rate=channel.rate_exact,

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, partial
+from itertools import chain, groupby
 from math import inf, isfinite
 from operator import attrgetter
 from typing import Any, NamedTuple, Protocol
@@ -30,7 +31,7 @@ from numpy.typing import NDArray
 
 from ..codecs.exact import Counts, Doubles, ExactParameters, Lacking, ordered
 from ..codecs.grids import LpcParameters
-from ..codecs.raw import RawParameters, encode_raw
+from ..codecs.raw import DTYPES, RawParameters, encode_raw
 from ..deadband import Deadband
 from ..errors import DataWarning, ParameterError
 from ..format.cluster import Packet
@@ -41,6 +42,7 @@ from ..numbers import exact
 from ..reading.decoder import TrackDecoder
 from ..reading.verifier import nearest_counts
 from ..recording import Calibration, Channel, Deviation, Span
+from ..threads import in_order
 from ..units import unknown_unit
 from .bounded import contract_for, scalar_ways
 from .exact import beside_counts, natural_candidate
@@ -346,10 +348,8 @@ FAR = 1 << 53
 UNCODED = np.iinfo(np.int64).min
 """The one correction without a code."""
 
-NUMBERS: dict[str, np.dtype[Any]] = {
-    "binary32": np.dtype(np.float32),
-    "binary64": np.dtype(np.float64),
-}
+NUMBERS = ("binary32", "binary64")
+"""Words that floats become."""
 
 
 @dataclass(frozen=True)
@@ -463,7 +463,7 @@ class WordsEncoder:
 
     def __init__(self, plan: Plan, number: int, number_format: str) -> None:
         self.named = f"channel {number} ({plan.input.label!r})"
-        self.dtype = NUMBERS[number_format]
+        self.dtype = DTYPES[number_format]
         self.track = plan.track(
             number,
             codec="RAWB",
@@ -474,6 +474,8 @@ class WordsEncoder:
         )
 
     def take(self, values: NDArray[Any], start: int) -> NDArray[Any]:
+        if values.dtype == self.dtype:
+            return np.ascontiguousarray(values)
         x = floats(values, self.named)
         words = x.astype(self.dtype, copy=False)
         if words.dtype != x.dtype and words.dtype == np.float32:
@@ -626,9 +628,15 @@ class LiveEncoder:
             )
         return tracks
 
-    def encode(self, blocks: Sequence[Block]) -> tuple[list[Track], list[Packet]]:
+    def use(self, channel: int, encoder: ChannelEncoder) -> None:
+        """``encoder`` codes the channel. Before the channel's first block."""
+        self.encoders[channel] = encoder
+
+    def encode(
+        self, blocks: Sequence[Block], *, threads: int = 1
+    ) -> tuple[list[Track], list[Packet]]:
         """New tracks in order of their ids, to be described first; and the packets, in order of
-        (track, start).
+        (track, start). ``threads`` is how many code channels at a time.
 
         Where a block is refused, nothing was made; the others may be given again.
         """
@@ -637,14 +645,20 @@ class LiveEncoder:
         taken = [self.encoder_of(block).take(block.values, block.start) for block in blocks]
         tracks: list[Track] = []
         packets = []
-        for block, values in zip(blocks, taken, strict=True):
-            made = self.encoders[block.channel].code(values, block.start)
+        pairs = zip(blocks, taken, strict=True)
+        runs = [list(run) for _, run in groupby(pairs, key=lambda pair: pair[0].channel)]
+        for block, made in chain.from_iterable(in_order(self.code, runs, threads)):
             track = self.fitting(block.channel, made)
             if track is None:
                 track = self.number(block.channel, made.track)
                 tracks.append(track)
             packets += [replace(packet, track=track.id) for packet in made.packets]
         return tracks, sorted(packets, key=attrgetter("track", "start"))
+
+    def code(self, run: Sequence[tuple[Block, NDArray[Any]]]) -> list[tuple[Block, Made]]:
+        """The packets of blocks of one channel."""
+        encoder = self.encoders[run[0][0].channel]
+        return [(block, encoder.code(values, block.start)) for block, values in run]
 
     def encoder_of(self, block: Block) -> ChannelEncoder:
         """The encoder of a channel; the first block of a channel makes it."""

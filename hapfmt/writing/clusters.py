@@ -83,16 +83,16 @@ class Clusters:
     """Collects rows and says which clusters are complete.
 
     A cluster is complete when every channel has passed its end, or one is ``patience`` seconds past
-    it. Channels that were not waited for are not until they have caught up; what they bring for
-    clusters that are done comes in clusters of its own.
+    it. With patience None all are waited for. Channels that were not waited for are not until they
+    have caught up; what they bring for clusters that are done comes in clusters of its own.
     """
 
-    def __init__(self, cluster: Fraction, patience: Fraction) -> None:
+    def __init__(self, cluster: Fraction, patience: Fraction | None) -> None:
         self.cluster, self.patience = cluster, patience
         self.buckets: dict[int, Bucket] = {}
         self.done = 0
         """Clusters before this one were written."""
-        self.late = 1 + ceil(patience / cluster)
+        self.late = 0 if patience is None else 1 + ceil(patience / cluster)
         self.size = self.missing = 0
         """Bytes that are here, and samples that were NaN."""
         self.rates: list[Fraction] = []
@@ -158,7 +158,7 @@ class Clusters:
             open_ = min((number for number in self.buckets if number >= self.done), default=None)
             if open_ is None or not self.is_complete(open_):
                 return
-            for number in late[-self.late :]:
+            for number in late[max(len(late) - self.late, 0) :]:
                 yield self.pop(number)
             self.done = open_ + 1
             self.behind |= self.reach < self.ticks(Fraction(self.done))
@@ -169,6 +169,8 @@ class Clusters:
         end = Fraction(number + 1)
         if bool((self.behind | (self.reach >= self.ticks(end))).all()):
             return True
+        if self.patience is None:
+            return False
         return bool((self.reach >= self.ticks(end + self.patience / self.cluster)).any())
 
     def ticks(self, clusters: Fraction) -> NDArray[np.int64]:

@@ -184,30 +184,20 @@ def write(
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
     encoded = encode(recording, settings, progress=progress, threads=threads)
-    if not isinstance(recording.metadata, dict):
-        raise ParameterError("metadata must be a JSON object, a dict in Python")
-    made_by = f"hapfmt {__version__}: {encoded.settings.describe()}"
-    earlier = recording.metadata.get("encoder")
-    if lossy_preset(earlier):
-        made_by += f"{INPUT}{earlier}"[:INPUT_SIZE]
-    metadata = {**recording.metadata, "encoder": made_by}
-    try:
-        attached = [Attachment(name, *rest) for name, rest in recording.attachments.items()]
-        extras = [build_metadata(metadata), *(build_attachment(a) for a in attached)]
-    except (TypeError, AttributeError):
-        raise ParameterError("attachments are {name: (media type, bytes)}") from None
+    extras = extras_of(recording, encoded.settings)
     level = encoded.level
     observed = clock_chunks(recording, encoded.tracks)
-    sizes = [len(payload) for payload in [*extras, *(payload for _, payload, _ in observed)]]
-    if max(sizes) > level.payload_size:
+    payloads = [payload for _, payload in extras] + [payload for _, payload, _ in observed]
+    if max(len(payload) for payload in payloads) > level.payload_size:
         level = LEVELS[2]
     cluster = settings.cluster_of(recording)
     layers, marks = layers_of(recording, len(encoded.tracks), cluster)
     tracks = [*encoded.tracks, *layers]
     own_uuid = recording.uuid or (uuid.uuid4() if canonical is None else None)
     if canonical == "content":
-        clocks = [b"%s %d %s" % (type_.encode(), id_, data) for type_, data, id_ in observed]
-        canonical = content_id(tracks, encoded.packets + marks, [*extras, *clocks])
+        more = [payload for _, payload in extras]
+        more += [b"%s %d %s" % (type_.encode(), id_, data) for type_, data, id_ in observed]
+        canonical = content_id(tracks, encoded.packets + marks, more)
     with target(file, force) as stream:
         out = FileWriter(
             stream,
@@ -218,7 +208,7 @@ def write(
             epoch_uncertainty_ns=recording.epoch_uncertainty_ns,
         )
         out.describe(tracks)
-        for type_, payload in zip(["mETa", *["aTTc"] * len(attached)], extras, strict=True):
+        for type_, payload in extras:
             out.chunk(type_, payload)
         for packets in clusters(tracks, encoded.packets + marks, cluster):
             out.cluster(packets)
@@ -233,6 +223,23 @@ def write(
         recording.sample_count,
         tuple(encoded.decisions),
     )
+
+
+def extras_of(recording: Recording, settings: Settings) -> list[tuple[str, bytes]]:
+    """Types and payloads of the chunks for metadata and attachments."""
+    if not isinstance(recording.metadata, dict):
+        raise ParameterError("metadata must be a JSON object, a dict in Python")
+    made_by = f"hapfmt {__version__}: {settings.describe()}"
+    earlier = recording.metadata.get("encoder")
+    if lossy_preset(earlier):
+        made_by += f"{INPUT}{earlier}"[:INPUT_SIZE]
+    metadata = {**recording.metadata, "encoder": made_by}
+    try:
+        attached = [Attachment(name, *rest) for name, rest in recording.attachments.items()]
+        payloads = [build_attachment(each) for each in attached]
+        return [("mETa", build_metadata(metadata)), *(("aTTc", each) for each in payloads)]
+    except (TypeError, AttributeError):
+        raise ParameterError("attachments are {name: (media type, bytes)}") from None
 
 
 def doubts_of(recording: Recording) -> Iterator[str]:
