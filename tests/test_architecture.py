@@ -78,6 +78,7 @@ ONLY_IN = {
     "rosbags": ("convert.ros_definitions", "convert.rosbag"),
     "ruamel": ("convert.rosbag",),
     "apsw": ("convert.rosbag",),
+    "rerun": ("cli.rerun_loader",),
     "mcap": ("convert.mcap", "convert.mcap_writer"),
     "zstandard": ("convert.mcap",),
     "lz4": ("convert.mcap", "convert.rosbag"),
@@ -104,6 +105,7 @@ HEAVY = {
     "xarray",
     "rosbags",
     "mcap",
+    "rerun",
     "nptdms",
     "pyarrow",
 }
