@@ -545,17 +545,12 @@ OURS = (
     BDF,
     XDF,
     TDMS,
-<<<<<<< HEAD
-    PARQUET,
-    FEATHER,
-    HDF5,
-    LEROBOT,
-=======
     HJIF,
     AHAP,
     PARQUET,
     FEATHER,
     HDF5,
     MAT,
->>>>>>> main, LEROBOT)
+    LEROBOT,
+)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""
