@@ -20,12 +20,12 @@ MODULES = {
 }
 LAYERS = (
     "kernels",
-    """clocks deadband descriptions errors files limits numbers recording threads times units
-    version""",
+    """clocks datasets deadband descriptions errors files limits numbers recording threads times
+    units version""",
     "format",
     "codecs",
     "reading",
-    "convert",
+    "convert analysis",
     "encoder",
     "writing",
     "edit replay",
@@ -73,11 +73,12 @@ ONLY_IN = {
     "sounddevice": ("lab.study.outputs",),
     "hid": ("replay.sinks.hid",),
     "hidraw": ("replay.sinks.hid",),
-    "pandas": ("recording",),
-    "xarray": ("recording",),
+    "pandas": ("recording", "datasets"),
+    "xarray": ("recording", "datasets", "analysis.backend"),
     "rosbags": ("convert.ros_definitions", "convert.rosbag"),
     "ruamel": ("convert.rosbag",),
     "apsw": ("convert.rosbag",),
+    "rerun": ("cli.rerun_loader",),
     "mcap": ("convert.mcap", "convert.mcap_writer"),
     "zstandard": ("convert.mcap",),
     "lz4": ("convert.mcap", "convert.rosbag"),
@@ -104,6 +105,7 @@ HEAVY = {
     "xarray",
     "rosbags",
     "mcap",
+    "rerun",
     "nptdms",
     "pyarrow",
 }
