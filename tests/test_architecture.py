@@ -20,12 +20,12 @@ MODULES = {
 }
 LAYERS = (
     "kernels",
-    """clocks deadband descriptions errors files limits numbers recording threads times units
-    version""",
+    """clocks datasets deadband descriptions errors files limits numbers recording threads times
+    units version""",
     "format",
     "codecs",
     "reading",
-    "convert",
+    "convert analysis",
     "encoder",
     "writing",
     "edit replay",
@@ -73,8 +73,8 @@ ONLY_IN = {
     "sounddevice": ("lab.study.outputs",),
     "hid": ("replay.sinks.hid",),
     "hidraw": ("replay.sinks.hid",),
-    "pandas": ("recording",),
-    "xarray": ("recording",),
+    "pandas": ("recording", "datasets"),
+    "xarray": ("recording", "datasets", "analysis.backend"),
     "rosbags": ("convert.ros_definitions", "convert.rosbag"),
     "ruamel": ("convert.rosbag",),
     "apsw": ("convert.rosbag",),

@@ -339,7 +339,6 @@ def _format_of(source: Source, format: str | None) -> Format | None:
 
 MAGIC = b"\x8fHAP"
 _LOADERS = {
-    ".mat": "scipy.io.loadmat (h5py.File for version 7.3)",
     ".xls": "pandas.read_excel",
     ".xlsx": "pandas.read_excel",
 }
