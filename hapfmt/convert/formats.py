@@ -477,6 +477,7 @@ AHAP = Format(
     title="AHAP",
     suffixes=(".ahap",),
     module="hapfmt.convert.ahap",
+    writes=True,
     options=frozenset({"select"}),
 )
 EDF = Format(
@@ -524,6 +525,14 @@ MAT = Format(
     magic=((124, b"\x00\x01IM"), (124, b"\x01\x00MI"), (124, b"\x00\x02IM"), (124, b"\x02\x00MI")),
     options=HDF5.options,
 )
+LEROBOT = Format(
+    name="lerobot",
+    title="LeRobot",
+    module="hapfmt.convert.lerobot",
+    writes=True,
+    folder="meta/info.json",
+    options=frozenset({"select", "clock", "episode", "keep_stamps", "fps"}),
+)
 OURS = (
     NPZ,
     NPY,
@@ -543,5 +552,6 @@ OURS = (
     FEATHER,
     HDF5,
     MAT,
+    LEROBOT,
 )
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""

@@ -849,6 +849,8 @@ def _columns(
         units = list(part.units or _texts(named(array.attributes, UNITS)))
         if not units:
             units = _texts(tree.known(array.path[:-1], UNITS, inherited=False))
+        if not units:
+            units = _unit_by_name(array, tree)
         texts = _texts(named(array.attributes, LABELS))
         if not units and len(texts) == len(own):
             units = [split_name(text.strip())[1] for text in texts]
@@ -871,6 +873,15 @@ def _columns(
                 )
             )  # fmt: skip
     return columns
+
+
+def _unit_by_name(array: SourceArray, tree: SourceTree) -> list[str]:
+    """Where the structure ``units`` has a text for each array."""
+    for name in (*UNITS, *map(str.capitalize, UNITS)):
+        known = tree.groups.get((*array.path[:-1], name), {})
+        if units := _texts(known.get(array.path[-1])):
+            return units
+    return []
 
 
 def _kept_as(array: SourceArray, notes: list[str]) -> tuple[np.dtype[Any], Calibration | None]:

@@ -132,7 +132,7 @@ class PackedBytes:
     def at(self, place: int, count: int) -> bytes:
         if place + count > self.size:
             raise ParameterError("a compressed variable is shorter than it states")
-        if place + count <= len(self._head):
+        if place + count <= len(self._head) and self.size > _HEAD:
             return self._head[place : place + count]
         if self._whole is None:
             self._whole = self._unpacked()
@@ -148,7 +148,7 @@ class PackedBytes:
             while not unpack.eof:
                 if not data:
                     if at >= end:
-                        return
+                        raise ParameterError("a compressed variable is cut off")
                     data = self._file.at(at, min(_PIECE, end - at))
                     at += len(data)
                 yield unpack.decompress(data, size)
@@ -161,12 +161,14 @@ class PackedBytes:
         whole = tempfile.SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115
         self._source.on_close(whole.close)
         done = 0
-        for piece in self._pieces(_PIECE):
-            whole.write(piece[: self.size - done])
+        for piece in self._pieces(_PIECE):  # to its end, where the checksum is
             done += len(piece)
-            if done >= self.size:
-                return whole
-        raise ParameterError("a compressed variable ends before its last value")
+            if done > self.size + 8:
+                raise ParameterError("a compressed variable is longer than it states")
+            whole.write(piece)
+        if done < self.size:
+            raise ParameterError("a compressed variable ends before its last value")
+        return whole
 
 
 class Element(NamedTuple):
