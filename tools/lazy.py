@@ -2,9 +2,9 @@
 
     .venv/bin/python tools/lazy.py [--seconds 3600] [--folder FOLDER]
 
-The file is made once, in FOLDER or a temporary one: 54.7 million samples in an hour. Times are CPU times
-of this process, medians of many runs, after one that imports. By URL, a server of this machine
-counts requests and bytes.
+The file is made once, in FOLDER or a temporary one: 54.7 million samples in an hour. Times are CPU
+times of this process, medians of many runs, after one that imports. By URL, a server of this
+machine counts requests and bytes.
 """
 
 from __future__ import annotations
