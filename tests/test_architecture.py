@@ -30,6 +30,7 @@ LAYERS = (
     "writing",
     "edit replay",
     "lab",
+    "archive",
     "cli",
     "__main__",
 )
@@ -103,6 +104,10 @@ HEAVY = {
     "rosbags",
     "mcap",
     "pyarrow",
+    "polars",
+    "distributed",
+    "bagit",
+    "rocrate",
 }
 
 
