@@ -109,7 +109,7 @@ def encode_all(
 
     \b
     hapfmt archive encode recordings/ archive/
-    hapfmt archive encode 'day?/**/*.mcap' archive/ --preset near-lossless --jobs 4
+    hapfmt archive encode 'day?/**/*.mcap' archive/ --jobs 4
     """
     from ..archive.jobs import Job
     from ..archive.places import find_places, is_foreign
