@@ -144,10 +144,14 @@ def may_be_times(name: str) -> bool:
 
 
 class TimeStamps:
-    """The stamps of the rows, one after the other; ``unit_exponent`` -3 for milliseconds."""
+    """The stamps of the rows, one after the other; ``unit_exponent`` -3 for milliseconds.
 
-    def __init__(self, unit_exponent: int = 0) -> None:
+    ``keep``: keep them all in ``ns`` too, [rows], rounded to whole nanoseconds.
+    """
+
+    def __init__(self, unit_exponent: int = 0, *, keep: bool = False) -> None:
         self._unit_exponent = unit_exponent
+        self.ns = array("q") if keep else None
         self._first = self._last = Decimal(0)
         self._relative = array("d")
         # Kept in addition to the times, since a double of 50 000 000.001 s is 7 ns coarse.
@@ -185,7 +189,9 @@ class TimeStamps:
             self._first = stamp
         elif stamp <= self._last:
             raise ValueError("is not later than the time before it")
-        else:
+        if self.ns is not None:
+            self.ns.append(whole_ns(stamp, self._unit_exponent))
+        if self._relative:
             self._steps.append(float(self._seconds(self._last, stamp)))
         self._relative.append(float(self._seconds(self._first, stamp)))
         self._last = stamp
@@ -318,7 +324,7 @@ class TimeStamps:
         offset = float(residual.max() + residual.min()) / 2
         notes: tuple[str, ...] = ()
         if not is_exact and tolerance > STEADY * line.period:
-            notes = (deviation_note(tolerance, rate),)
+            notes = (self._deviation_note(tolerance, rate),)
         return CountedRows(line.ticks, rate, offset, period, tolerance, is_exact, notes)
 
     def _on_given(
@@ -358,16 +364,19 @@ class TimeStamps:
         residual = _Line(ticks, times).residual(rate)
         largest = float(np.abs(residual).max(initial=0))
         if largest > max(self.noise + self.resolution / 2, STEADY / float(rate)):
-            notes.append(deviation_note(largest, rate))
+            notes.append(self._deviation_note(largest, rate))
         return CountedRows(ticks, rate, 0.0, float(1 / rate), None, False, tuple(notes))
 
     def _on_counted(self, counted: Settled, rate: Fraction) -> CountedRows:
         """Rows at the ticks that were counted, from the first row on."""
         line = _Line(counted.ticks, np.frombuffer(self._relative))
         largest = float(np.abs(line.residual(rate)).max())
-        notes = (deviation_note(largest, rate),)
+        notes = (self._deviation_note(largest, rate),)
         offset, period = counted.offset_s, counted.period_s
         return CountedRows(counted.ticks, rate, offset, period, None, False, notes)
+
+    def _deviation_note(self, largest: float, rate: Fraction) -> str:
+        return deviation_note(largest, rate, kept=self.ns is not None)
 
     @property
     def _usual_rate(self) -> float:
@@ -745,6 +754,14 @@ def _half_range(residual: NDArray[np.float64]) -> float:
     return float(residual.max() - residual.min()) / 2
 
 
+def whole_ns(stamp: Decimal, unit_exponent: int = 0) -> int:
+    """Rounded; ValueError, with the reason, beyond 64 bits."""
+    ns = int(_EXACT.to_integral_value(_EXACT.scaleb(stamp, 9 + unit_exponent)))
+    if not -(1 << 63) <= ns < 1 << 63:
+        raise ValueError("is more than 292 years from zero, too far to be kept in ns")
+    return ns
+
+
 def _at(ticks: NDArray[np.float64], rate: Fraction) -> NDArray[np.float64]:
     return ticks * float(rate.denominator) / float(rate.numerator)
 
@@ -791,10 +808,15 @@ def in_words(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds >= 1 else f"{1000 * seconds:.3g} ms"
 
 
-def deviation_note(largest: float, rate: Fraction, key: str = "") -> str:
+def deviation_note(largest: float, rate: Fraction, key: str = "", *, kept: bool = False) -> str:
     """How far the times of the samples, in s, lie from the regular ones that replace them."""
+    others = (
+        "a channel keeps the others"
+        if kept
+        else "only the regular times are stored. To keep the others, store them as a channel of "
+        "their own, as --keep-stamps does for files"
+    )
     return (
         f"the sample times{key} differ from a regular {float(rate):.6g} Hz by up to "
-        f"{in_words(largest)}; only the regular times are stored. To keep the others, store them "
-        "as a channel of their own"
+        f"{in_words(largest)}; {others}"
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 
 from .errors import DataWarning, ParameterError, similar
@@ -23,7 +23,7 @@ _METRIC = (
     "[g] [ppm] m[Hg] m[H2O]"
 )
 """Atoms that take a prefix. Left out, since people mean something else by them: G (gauss), a
-(year), b (barn), u, P, R."""
+(year), b (barn), u, P, R. "ft" is the foot, never the femtotonne."""
 _SCALES = dict(
     zip(
         _PREFIXES.split(),
@@ -34,7 +34,7 @@ _SCALES = dict(
 """Powers of ten."""
 _FIXED = (
     "% deg ' '' min h d [degF] [psi] [lbf_av] [lb_av] [in_i] [ft_i] [mi_i] "
-    "[ppth] [ppb] [arb'U] [pi]"
+    "[ppth] [ppb] [arb'U] [pi] atm"
 )
 
 
@@ -45,11 +45,17 @@ def _any_of(codes: str) -> str:
 _GROUP, _NOTE = "\0", "\1"
 """Stand for a pair of parentheses whose content was found to be a term, and for an annotation."""
 _ANNOTATION = r"\{[!-z|~]+\}"
-_ATOM = rf"(?:(?:{_any_of(_PREFIXES)})?(?:{_any_of(_METRIC)})|{_any_of(_FIXED)})"
+_ATOM = rf"(?:(?!ft)(?:{_any_of(_PREFIXES)})?(?:{_any_of(_METRIC)})|{_any_of(_FIXED)})"
 _COMPONENT = rf"(?:{_ATOM}(?:[+-]?[1-9][0-9]?)?{_NOTE}?|1|{_NOTE}|{_GROUP})"
 _TERM = re.compile(rf"/?{_COMPONENT}(?:[./]{_COMPONENT})*")
+_POWER = re.compile(
+    rf"(?:({_any_of(_PREFIXES)})?({_any_of(_METRIC)})|({_any_of(_FIXED)}))([+-]?[1-9][0-9]?)?"
+)
 _FACTOR = re.compile(r"([./]?)([^./0-9+-]+|1)([+-]?[0-9]*)")
 _PREFIXED = re.compile(rf"({_any_of(_PREFIXES)})({_any_of(_METRIC)})")
+_TEMPERATURE = re.compile(
+    r"\bdeg(?:ree)?s?[.]?[\s_]*(c(?=elsius\b)|f(?=ahrenheit\b)|[cf]\b)(?:elsius|ahrenheit)?", re.I
+)
 _TORQUE = re.compile(rf"((?:{_any_of(_PREFIXES)})?N)((?:{_any_of(_PREFIXES)})?m|s)")
 
 _SPELLINGS = {
@@ -62,47 +68,110 @@ _SPELLINGS = {
     "{rev}": "rev revs revolution revolutions turn turns",
     "{sample}": "sample samples",
     "{step}": "step steps",
+    "{pixel}": "pixel pixels px",
     "deg": "deg degs degree degrees",
     "rad": "rad rads radian radians",
     "s": "sec secs second seconds",
-    "ms": "msec msecs millisecond milliseconds",
-    "us": "usec usecs microsecond microseconds",
+    "ms": "msec msecs",
+    "us": "usec usecs",
+    "ns": "nsec nsecs",
     "min": "mins minute minutes",
     "h": "hr hrs hour hours",
     "m": "meter meters metre metres",
-    "mm": "millimeter millimeters millimetre millimetres",
-    "um": "micron microns micrometer micrometers micrometre micrometres",
+    "um": "micron microns",
+    "L": "liter liters litre litres",
     "g": "gram grams",
-    "kg": "kgs kilogram kilograms",
+    "kg": "kgs",
     "N": "newton newtons",
-    "mN": "millinewton millinewtons",
     "Pa": "pascal pascals",
     "kPa": "kpa",
+    "bar": "bar bars",
+    "atm": "atm atmosphere atmospheres",
     "V": "volt volts",
-    "mV": "millivolt millivolts",
-    "uV": "microvolt microvolts",
     "A": "amp amps ampere amperes",
+    "C": "coulomb coulombs",
+    "F": "farad farads",
+    "H": "henry henries",
+    "S": "siemens",
+    "T": "tesla teslas",
+    "Wb": "weber webers",
     "W": "watt watts",
     "J": "joule joules",
     "Ohm": "ohm ohms",
+    "kOhm": "kohm kohms",
+    "By": "byte bytes",
+    "bit": "bit bits",
     "Hz": "hz hertz",
     "kHz": "khz",
     "K": "kelvin kelvins",
     "Cel": "degc celsius",
     "[degF]": "degf fahrenheit",
     "dB": "db decibel decibels",
-    "[g]": "gn g0 g_n g-force gforce",
+    "[g]": "gn g0 g_n g-force gforce gee gees g's gravity standard_gravity standard_free_fall",
     "[in_i]": "in inch inches",
     "[ft_i]": "ft foot feet",
-    "[lb_av]": "lb lbs",
-    "[lbf_av]": "lbf",
+    "[mi_i]": "mile miles",
+    "[lb_av]": "lb lbs pound pounds",
+    "[lbf_av]": "lbf pound-force",
+    "kgf": "kilogram-force",
     "[psi]": "psi",
     "[ppm]": "ppm",
     "mm[Hg]": "mmhg",
 }
-_WORDS = {word: code for code, words in _SPELLINGS.items() for word in words.split()}
-_WHOLE = {**_WORDS, "": "1", "n/a": "1", "rpm": "{rev}/min"}
+_PREFIX_NAMES = {
+    "giga": "G", "mega": "M", "kilo": "k", "hecto": "h", "deci": "d", "centi": "c", "milli": "m",
+    "micro": "u", "nano": "n", "pico": "p",
+}  # fmt: skip
+_NAMES = {word: code for code, words in _SPELLINGS.items() for word in words.split()}
+_WORDS = {
+    **{
+        prefix + word: symbol + code
+        for prefix, symbol in _PREFIX_NAMES.items()
+        for word, code in _NAMES.items()
+        if code in _METRIC.split() and word.isalpha()
+    },
+    **_NAMES,
+}
+_TORQUES = {
+    "ft-lb": "[ft_i].[lbf_av]", "ft-lbf": "[ft_i].[lbf_av]", "lb-ft": "[ft_i].[lbf_av]",
+    "in-lb": "[in_i].[lbf_av]", "in-lbf": "[in_i].[lbf_av]", "lb-in": "[in_i].[lbf_av]",
+}  # fmt: skip
+_WHOLE = {
+    **_WORDS, **_TORQUES, "": "1", "n/a": "1", "rpm": "{rev}/min", "dps": "deg/s", "kph": "km/h",
+    "mph": "[mi_i]/h", "lpm": "L/min",
+}  # fmt: skip
 """Spellings of a whole text only: a code with a slash cannot follow another slash."""
+_POWERS = {"squared": "2", "square": "2", "sq": "2", "cubed": "3", "cubic": "3"}
+
+_UDUNITS = {
+    "Ohm": "ohm",
+    "By": "byte",
+    "t": "tonne",
+    "deg": "degree",
+    "'": "arc_minute",
+    "''": "arc_second",
+    "[g]": "gravity",
+    "[psi]": "psi",
+    "[lbf_av]": "lbf",
+    "[lb_av]": "lb",
+    "[in_i]": "international_inch",
+    "[ft_i]": "international_foot",
+    "[mi_i]": "international_mile",
+    "[ppm]": "ppm",
+    "[ppb]": "ppb",
+    "[ppth]": "(1e-3)",
+    "[pi]": "pi",
+    "[arb'U]": "1",
+    "Cel": "K",
+    "[degF]": "degR",
+    "{rev}": "revolution",
+    **dict.fromkeys(("{count}", "{digit}", "{lsb}", "{pulse}", "{sample}", "{step}"), "count"),
+}
+"""UDUNITS names of the atoms that have another one there; of temperatures, that of a difference."""
+_UDUNITS_ALONE = {"Cel": "degC", "[degF]": "degF"}
+"""Names of a whole unit: these count from another zero."""
+_COLUMNS = {"m[Hg]": ("mmHg", -3), "m[H2O]": ("cmH2O", -2)}
+"""Columns of a liquid: the one prefix that UDUNITS has, and its power of ten."""
 
 _TYPO_CUTOFF = 0.75
 """Similarity of a mistyped spelling to the one that is meant."""
@@ -203,6 +272,57 @@ def conversion(given: str, wanted: str) -> Fraction | None:
     return Fraction(10) ** (power - other_power) if one == other else None
 
 
+def to_udunits(text: str) -> str | None:
+    """The UDUNITS text of a unit, as the CF conventions want it; None where UDUNITS has none, as
+    for dB/m. Free text becomes the unit 1.
+
+    >>> [to_udunits(code) for code in ("N.m", "m/s2", "Cel", "Cel/s", "mm[Hg]", "{count}", "dB")]
+    ['N m', 'm s-2', 'degC', 'K s-1', 'mmHg', 'count', '0.1 lg(re 1)']
+    """
+    factors = list(_factors(to_ucum(text)))
+    alone = len(factors) == 1 and factors[0][2] == 1
+    parts = []
+    for prefix, atom, exponent in factors:
+        power = _SCALES[prefix] if prefix else 0
+        if atom == "B":
+            if not alone:
+                return None
+            name = f"{_ten(power)} lg(re 1)" if power else "lg(re 1)"
+        elif atom in _COLUMNS:
+            name, own = _COLUMNS[atom]
+            if power != own or exponent != 1:
+                name = f"({name})" if power == own else f"({_ten(power - own)} {name})"
+        else:
+            name = prefix + ((alone and _UDUNITS_ALONE.get(atom)) or _UDUNITS.get(atom, atom))
+        if name != "1":
+            parts.append(name if exponent == 1 else f"{name}{exponent}")
+    return " ".join(parts) or "1"
+
+
+def _ten(power: int) -> str:
+    return "0.1" if power == -1 else f"1e{power}"
+
+
+def _factors(code: str) -> Iterator[tuple[str, str, int]]:
+    """Prefix, atom and exponent of each factor of a code, as it is read from left to right. An
+    annotation is a factor where there is no atom before it, and one of the known spellings."""
+    signs, sign, before = [1], 1, "."
+    for token in re.findall(r"\{[^{}]*\}|[()./]|[^(){}./]+", code):
+        if token in "./":
+            sign = 1 if token == "." else -1
+        elif token == "(":
+            signs.append(signs[-1] * sign)
+            sign = 1
+        elif token == ")":
+            signs.pop()
+        elif not token.startswith("{"):
+            if (found := _POWER.fullmatch(token)) is not None:
+                yield found[1] or "", found[2] or found[3], signs[-1] * sign * int(found[4] or 1)
+        elif before in "./(" and token in _UDUNITS:
+            yield "", token, signs[-1] * sign
+        before = token
+
+
 def _reduced(code: str) -> tuple[int, list[tuple[str, int]]]:
     """The power of ten of a code's prefixes, and its atoms without them, with their exponents."""
     power, atoms = 0, []
@@ -243,8 +363,13 @@ def _respell(text: str) -> str:
     whole = _WHOLE.get(text.casefold())
     if whole is not None:
         return whole
-    text = text.replace("**", "").replace("^", "")
-    text = re.sub(r"\s+per\s+", "/", text)
+    # m_s may be m.s or m/s, but newton_meter is clear.
+    text = re.sub(r"(?<=[A-Za-z]{3})_(?=[A-Za-z]{3})", " ", text)
+    text = re.sub(r"\s*(\*\*|\^)\s*", "", text)
+    text = re.sub(r"(?:^|\s+)per\s+", "/", text)
+    text = _TEMPERATURE.sub(r"deg\1", text)
+    text = re.sub(r"\s+(squared|cubed)\b", lambda found: _POWERS[found[1]], text)
+    text = re.sub(r"\b(square|sq|cubic)\s+([A-Za-z]+)", lambda x: x[2] + _POWERS[x[1]], text)
     text = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])|\*", ".", text)
     text = re.sub(r"\s*([./])\s*", r"\1", text)
     text = re.sub(r"\s+", ".", text)

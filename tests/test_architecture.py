@@ -20,12 +20,12 @@ MODULES = {
 }
 LAYERS = (
     "kernels",
-    """clocks deadband descriptions errors files limits numbers recording threads times units
-    version""",
+    """clocks datasets deadband descriptions errors files limits numbers recording threads times
+    units version""",
     "format",
     "codecs",
     "reading",
-    "convert",
+    "convert analysis",
     "encoder",
     "writing",
     "edit replay",
@@ -57,6 +57,7 @@ nothing."""
 ONLY_IN = {
     "construct": ("format.layout",),
     "msgspec": (
+        "convert.mcap_writer",
         "descriptions",
         "convert.maps",
         "writing.streams",
@@ -73,14 +74,16 @@ ONLY_IN = {
     "sounddevice": ("lab.study.outputs",),
     "hid": ("replay.sinks.hid",),
     "hidraw": ("replay.sinks.hid",),
-    "pandas": ("recording",),
-    "xarray": ("recording",),
+    "pandas": ("recording", "datasets"),
+    "xarray": ("recording", "datasets", "analysis.backend"),
     "rosbags": ("convert.ros_definitions", "convert.rosbag"),
     "ruamel": ("convert.rosbag",),
     "apsw": ("convert.rosbag",),
-    "mcap": ("convert.mcap",),
+    "rerun": ("cli.rerun_loader",),
+    "mcap": ("convert.mcap", "convert.mcap_writer"),
     "zstandard": ("convert.mcap",),
     "lz4": ("convert.mcap", "convert.rosbag"),
+    "nptdms": ("convert.tdms",),
     "pyarrow": ("convert.arrowtables", "convert.parquet", "convert.feather", "convert.lerobot"),
 }
 HEAVY = {
@@ -103,6 +106,8 @@ HEAVY = {
     "xarray",
     "rosbags",
     "mcap",
+    "rerun",
+    "nptdms",
     "pyarrow",
     "polars",
     "distributed",

@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import hapfmt
 from hapfmt.convert import read
+from hapfmt.convert.timestamps import stamps_of
 from hapfmt.errors import ParameterError
 from hapfmt.recording import Recording, Span
 
@@ -230,3 +232,115 @@ def test_any_times_give_a_recording_or_our_error(times: list[float], rate: float
     except ParameterError:
         return
     assert channel.stored.size == len(times)
+
+
+def kept_ns(recording: Recording, label: str = "stamp") -> list[int]:
+    """The stamps that a channel of a recording keeps."""
+    channel = recording[label]
+    assert channel.unit == "ns"
+    spans = [np.arange(span.start, span.stop) for span in channel.coverage]
+    ticks = np.concatenate(spans)
+    found = stamps_of(
+        channel.samples().astype(np.int64), ticks, channel.rate_exact, recording.epoch_ns or 0
+    )
+    return found.tolist()
+
+
+def stored(recording: Recording) -> Recording:
+    stream = io.BytesIO()
+    hapfmt.write(recording, stream)
+    return hapfmt.read(stream.getvalue())
+
+
+def archive(**arrays: object) -> io.BytesIO:
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return io.BytesIO(stream.getvalue())
+
+
+class TestKeptStamps:
+    @given(
+        jitter=st.lists(st.integers(-400_000, 400_000), min_size=2, max_size=50),
+        start=st.sampled_from([0, -(10**15), 5 * 10**9, 1_700_000_000 * 10**9 + 1]),
+        lost=st.sets(st.integers(1, 60), max_size=2),
+        rate=st.sampled_from([None, 999]),
+    )
+    def test_a_table(self, jitter, start, lost, rate) -> None:
+        """All stamps come back, through a file as well."""
+        ticks = [tick for tick in range(80) if tick not in lost][: len(jitter)]
+        ns = [start + 1_000_000 * tick + late for tick, late in zip(ticks, jitter, strict=True)]
+        rows = "".join(f"{time}e-3,{time % 7}\n" for time in ns)
+        data = f"t [us],x [N]\n{rows}".encode()
+        try:
+            plain = read(io.BytesIO(data), format="csv", rate=rate)
+        except ParameterError:
+            return
+        recording = read(io.BytesIO(data), format="csv", rate=rate, keep_stamps=True)
+        assert recording.labels == ["x", "stamp"]
+        assert recording["x"].coverage == plain["x"].coverage
+        assert kept_ns(recording) == kept_ns(stored(recording)) == ns
+        notes = " ".join(recording.metadata.get("notes", []))
+        assert "only the regular times are stored" not in notes
+
+    def test_a_table_with_gaps_and_such_a_column(self) -> None:
+        data = "Zeit [ms],stamp [N]\n0,1\n10.2,\n19.9,3\n"
+        recording = read(io.BytesIO(data.encode()), format="csv", rate=100, keep_stamps=True)
+        [note] = [n for n in recording.metadata["notes"] if "a channel keeps the others" in n]
+        assert note.endswith(
+            "differ from a regular 100 Hz by up to 0.2 ms; a channel keeps the others"
+        )
+        assert recording[0].coverage == (Span(0, 1), Span(2, 3))
+        assert kept_ns(recording, recording.labels[1]) == [0, 10_200_000, 19_900_000]
+
+    def test_dates(self) -> None:
+        times = [f"2026-11-22T17:05:00.{n:03d}000007Z" for n in (0, 100, 201, 300)]
+        data = "".join(f"{time},1\n" for time in times)
+        recording = read(
+            io.BytesIO(f"time,x\n{data}".encode()), format="csv", rate=10, keep_stamps=True
+        )
+        first = 1_795_367_100 * 10**9 + 7
+        assert kept_ns(recording) == [first + n * 10**6 for n in (0, 100, 201, 300)]
+
+    @pytest.mark.parametrize("known", [{}, {"rate_hz": 1000}])
+    def test_an_archive(self, known) -> None:
+        late = np.random.default_rng(3).integers(-300_000, 300_000, 500)
+        ns = 10**6 * np.arange(500) + late + 10**6
+        recording = read(
+            archive(x=np.ones(500), t=ns / 1e9, **known), format="npz", keep_stamps=True
+        )
+        assert recording.labels == ["ch1", "stamp"] and recording[1].rate == 1000
+        assert kept_ns(recording) == kept_ns(stored(recording)) == ns.tolist()
+        [deviation] = [note for note in recording.metadata["notes"] if "differ" in note]
+        assert deviation.endswith("a channel keeps the others")
+
+    def test_an_archive_of_two_rates(self) -> None:
+        arrays = {
+            "x__0": np.ones((1, 3)), "rate_hz__0": 10, "t__0": [0.1, 0.2, 0.31], "index__0": [1],
+            "x__1": np.ones((1, 2)), "rate_hz__1": 1, "t__1": [1, 2.5], "index__1": [0],
+            "start_tick__1": 1,
+        }  # fmt: skip
+        recording = read(archive(**arrays), format="npz", keep_stamps=True)
+        assert [channel.rate for channel in recording] == [1, 10, 10, 1]
+        assert kept_ns(recording, recording.labels[2]) == [100_000_000, 200_000_000, 310_000_000]
+        assert kept_ns(recording, recording.labels[3]) == [10**9, 25 * 10**8]
+
+    def test_there_must_be_stamps(self) -> None:
+        for data, format_, message in (
+            (b"x\n1\n2\n", "csv", "no first column 't .s.', so there are no time stamps to keep"),
+            (b"t [s],x\n1e10,1\n2e10,2\n", "csv", "line 2.*too far to be kept in ns"),
+            (archive(x=[1.0, 2]).read(), "npz", "no key 't', so there are no time stamps to keep"),
+            (
+                archive(x=[1.0, 2], t=[1.0], fs=10).read(),
+                "npz",
+                "cannot be kept: there are 1, perhaps",
+            ),
+            (archive(x=[1.0, 2], t=[1, np.inf], fs=10).read(), "npz", "cannot be kept.*not finite"),
+            (archive(x=[1.0, 2], t=[1, 1e300], fs=10).read(), "npz", "cannot be kept.*too far"),
+        ):
+            with pytest.raises(ParameterError, match=message):
+                read(io.BytesIO(data), format=format_, rate=10, keep_stamps=True)
+
+    def test_slow_ticks_are_beyond_64_bits(self) -> None:
+        data = archive(x=[1.0, 2], t=[0.0, 1.0], rate="1/1000", start_tick=2**40)
+        with pytest.raises(ParameterError, match="the time stamps cannot be kept"):
+            read(data, format="npz", keep_stamps=True)

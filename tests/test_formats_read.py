@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pytest
+import tdms_files as tdms
 import xdf_files as xdf
 from test_formats_survival import table
 
 from hapfmt.convert import read
+from hapfmt.convert.formats import TDMS
 from hapfmt.convert.timestamps import stamps_of
-from hapfmt.recording import Span
+from hapfmt.errors import ParameterError
+from hapfmt.recording import Calibration, Span
 
 X = np.arange(-100, 100)
 REGULAR = [50 + i / 100 for i in range(200)]
@@ -40,6 +44,13 @@ def xdf_exact(*formats: str) -> str:
         if channel.calibration is None:
             assert channel.stored.dtype == expected.dtype
     return "exact"
+
+
+def xdf_scale() -> str:
+    """A resolution in the description of a channel is not one that LSL defines."""
+    desc = "<channels><channel><label>a</label><resolution>0.5</resolution></channel></channels>"
+    assert read_xdf(xdf_stream("int16", desc=desc))[0].calibration == Calibration()
+    return "counts only"
 
 
 def xdf_events(format: str, x: Any) -> str:
@@ -116,20 +127,134 @@ def xdf_start() -> str:
     return "to 1 s"
 
 
+START = np.datetime64("2026-05-01T10:00:00.123456", "us")
+
+
+def tdms_channel(x: Any, **properties: Any) -> Any:
+    given = {"wf_increment": 0.01, **properties}
+    return read(tdms.written([tdms.channel("g", "x", x, **given)]))
+
+
+def tdms_exact(*dtypes: str) -> str:
+    for dtype in dtypes:
+        x = (X / 7 if dtype[0] == "f" else X % 128).astype(dtype)
+        [channel] = tdms_channel(x)
+        assert channel.stored.tolist() == x.tolist()
+        if channel.calibration is None:
+            assert channel.stored.dtype == (np.uint64 if dtype == "u4" else x.dtype)
+    return "exact"
+
+
+def tdms_noted(x: Any) -> str:
+    back = tdms_channel(x)
+    assert not back.channels
+    assert "which are not read" in back.metadata["notes"][0]
+    return "no"
+
+
+def tdms_refused() -> str:
+    with pytest.raises(ParameterError, match="give a rate"):
+        read(tdms.written([tdms.channel("g", "x", [1, 2])]))
+    return "refused; give `--rate`"
+
+
+def tdms_rates() -> str:
+    data = tdms.written([
+        tdms.channel("g", "x", [1.5], wf_increment=1 / 44100),
+        tdms.channel("g", "y", [1.5, 2], wf_increment=3.0),
+    ])  # fmt: skip
+    assert [c.rate_exact for c in read(data)] == [44100, Fraction(1, 3)]
+    return "exact"
+
+
+def tdms_stamped(stamps: Any) -> Any:
+    data = tdms.written([
+        tdms.channel("g", "t", START + np.rint(stamps * 1e6).astype(int) * np.timedelta64(1, "us")),
+        tdms.channel("g", "x", np.arange(len(stamps))),
+    ])  # fmt: skip
+    return read(data)
+
+
+def tdms_lost() -> str:
+    kept = np.array([i for i in range(200) if not 80 <= i < 90])
+    [channel] = tdms_stamped(kept / 100)
+    assert channel.coverage == (Span(0, 80), Span(90, 200))
+    return "a gap"
+
+
+def tdms_stamps() -> str:
+    [channel] = tdms_stamped(np.array(LATE))
+    assert channel.coverage == (Span(0, 200),)
+    return "to the nearest tick"
+
+
+def tdms_kept_stamps() -> str:
+    assert "keep_stamps" not in TDMS.options
+    return "no"
+
+
+def tdms_label() -> str:
+    data = tdms.written([tdms.channel("g", "Fx (thumb), raw", [1.5], wf_increment=1.0)])
+    assert read(data).labels == ["Fx (thumb), raw"]
+    return "exact"
+
+
+def tdms_unit() -> str:
+    back = tdms_channel([1.5], unit_string="Newton")
+    assert back[0].unit == "N"
+    assert back.metadata["source_units"] == {"x": "Newton"}
+    return "in UCUM; the text is kept"
+
+
+def tdms_scale() -> str:
+    [channel] = tdms_channel(X.astype("i2"), **tdms.linear(10 / 32768, 0.5))
+    assert channel.calibration == Calibration(5, 8192, 16384)
+    assert channel.counts.tolist() == X.tolist()
+    return "exact"
+
+
+def tdms_clocks() -> str:
+    back = tdms_stamped(np.arange(200) / 100)
+    assert [c.tick for c in back.clocks] == [0, 100, 199]
+    return "once a second"
+
+
+def tdms_start() -> str:
+    back = tdms_channel([1.5], wf_start_time=START)
+    assert back.epoch_ns == int(START.astype("M8[ns]").astype(np.int64))
+    return "to 1 ns"
+
+
 CELLS: dict[str, dict[str, Callable[[], str]]] = {
-    "integers of 8 to 32 bits": {"XDF": lambda: xdf_exact("int8", "int16", "int32")},
-    "integers of 64 bits": {"XDF": lambda: xdf_exact("int64")},
-    "floating point": {"XDF": lambda: xdf_exact("float32", "double64")},
-    "texts": {"XDF": lambda: xdf_events("string", "abc")},
-    "streams without a rate": {"XDF": lambda: xdf_events("int16", [4, -5, 6])},
-    "several rates": {"XDF": xdf_rates},
-    "lost rows": {"XDF": xdf_lost},
-    "labels": {"XDF": xdf_label},
-    "units": {"XDF": xdf_unit},
-    "time stamps": {"XDF": xdf_stamps},
-    "time stamps with `--keep-stamps`": {"XDF": xdf_kept_stamps},
-    "the clocks of computers": {"XDF": xdf_clocks},
-    "the start time": {"XDF": xdf_start},
+    "integers of 8 to 32 bits": {
+        "XDF": lambda: xdf_exact("int8", "int16", "int32"),
+        "TDMS": lambda: tdms_exact("i1", "u1", "i2", "u2", "i4", "u4"),
+    },
+    "integers of 64 bits": {
+        "XDF": lambda: xdf_exact("int64"),
+        "TDMS": lambda: tdms_exact("i8", "u8"),
+    },
+    "floating point": {
+        "XDF": lambda: xdf_exact("float32", "double64"),
+        "TDMS": lambda: tdms_exact("f4", "f8"),
+    },
+    "a linear scale": {"XDF": xdf_scale, "TDMS": tdms_scale},
+    "texts": {
+        "XDF": lambda: xdf_events("string", "abc"),
+        "TDMS": lambda: tdms_noted(["a", "b"]),
+    },
+    "samples without a rate": {
+        "XDF": lambda: xdf_events("int16", [4, -5, 6]),
+        "TDMS": tdms_refused,
+    },
+    "several rates": {"XDF": xdf_rates, "TDMS": tdms_rates},
+    "lost rows": {"XDF": xdf_lost, "TDMS": tdms_lost},
+    "labels": {"XDF": xdf_label, "TDMS": tdms_label},
+    "units": {"XDF": xdf_unit, "TDMS": tdms_unit},
+    "time stamps": {"XDF": xdf_stamps, "TDMS": tdms_stamps},
+    "time stamps with `--keep-stamps`": {"XDF": xdf_kept_stamps, "TDMS": tdms_kept_stamps},
+    "the clocks of computers": {"XDF": xdf_clocks, "TDMS": tdms_clocks},
+    "the start time": {"XDF": xdf_start, "TDMS": tdms_start},
 }
 
 

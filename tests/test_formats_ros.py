@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import io
+import re
+import shutil
+import sqlite3
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from depth import examples
 from ros_files import KINDS, START, Bag, bag, json_mcap, path_of, wrenches
 from test_timestamps import Publisher
 
@@ -232,7 +237,10 @@ class TestTimes:
         with bag(folder, "db3", "simulated") as one:
             for row in range(100):
                 one.put("/ft", START + row * 10**7, one.wrench(10**7 * row + 10**9, [row] * 6))
-        assert read(path_of(folder, "db3", "simulated")).epoch_ns is None
+        recording = read(path_of(folder, "db3", "simulated"), keep_stamps=True)
+        assert recording.epoch_ns is None
+        stamps = recording["stamp"].to_numpy() + 10**7 * np.arange(100)
+        assert (stamps == 10**9 + 10**7 * np.arange(100)).all()
 
     def test_clocks_that_cannot_be_one_are_refused(self, folder):
         with bag(folder, "db3", "mixed") as one:
@@ -431,6 +439,7 @@ def tried(data: bytes, format: str, tmp_path: Path) -> None:
 
 
 class TestDamage:
+    @pytest.mark.capped
     @pytest.mark.parametrize("way", KINDS)
     def test_any_damage_gives_a_recording_or_our_error(self, way, folder, tmp_path):
         path, _ = wrenches(folder, way, rows=70, name="damaged")
@@ -439,9 +448,9 @@ class TestDamage:
         whole = path.read_bytes()
         format = {"bag": "rosbag", "db3": "ros2", "mcap": "mcap"}[way]
         generator = np.random.default_rng(11)
-        for size in generator.integers(0, len(whole), 40).tolist():
+        for size in generator.integers(0, len(whole), examples(40)).tolist():
             tried(whole[:size], format, tmp_path)
-        for _ in range(120):
+        for _ in range(examples(120)):
             data = bytearray(whole)
             at = int(generator.integers(len(whole)))
             data[at : at + 4] = generator.integers(0, 256, 4, dtype=np.uint8).tobytes()
@@ -453,6 +462,34 @@ class TestDamage:
             with pytest.raises(ParameterError):
                 read(io.BytesIO(data), format=format)
 
+    @pytest.mark.parametrize(
+        "value", ["NULL", "5", "x'ff'", "''", "'\ud800'", "1e300", "9223372036854775807", "-1"]
+    )
+    @pytest.mark.parametrize("table", ["topics", "messages", "message_definitions", "schema"])
+    def test_cells_of_any_type(self, table, value, tmp_path):
+        """SQLite keeps any type in any cell."""
+        path, _ = wrenches(tmp_path, "db3", rows=20)
+        [path] = path.glob("*.db3")
+        copy = tmp_path / "copy.db3"
+        with closing(sqlite3.connect(path)) as known:
+            columns = [row[1] for row in known.execute(f"PRAGMA table_info({table})")]
+        assert columns
+        for column in columns:
+            shutil.copyfile(path, copy)
+            with closing(sqlite3.connect(copy)) as changed, suppress(sqlite3.Error):
+                changed.execute("PRAGMA writable_schema = 1")
+                sql = changed.execute(
+                    "SELECT sql FROM sqlite_master WHERE name = ?", (table,)
+                ).fetchone()[0]
+                loose = re.sub("NOT NULL", "", sql)
+                changed.execute("UPDATE sqlite_master SET sql = ? WHERE name = ?", (loose, table))
+                changed.commit()
+            with closing(sqlite3.connect(copy)) as changed, suppress(sqlite3.Error, UnicodeError):
+                changed.execute(f"UPDATE {table} SET {column} = {value}")
+                changed.commit()
+            tried(copy.read_bytes(), "ros2", tmp_path)
+
+    @pytest.mark.capped
     @pytest.mark.parametrize("packing", ["zstd", "lz4"])
     def test_bombs_are_refused(self, packing):
         from mcap.data_stream import RecordBuilder
@@ -480,6 +517,7 @@ class TestDamage:
             with pytest.raises(error, match=text):
                 read(io.BytesIO(magic + builder.end() + magic), max_memory=1 << 22)
 
+    @pytest.mark.capped
     def test_a_bomb_in_a_bag(self, folder):
         from rosbags.rosbag1 import Writer
 
@@ -530,3 +568,106 @@ class TestDamage:
         (path / "metadata.yaml").write_text("a: [")
         with pytest.raises(ParameterError, match=r"metadata\.yaml"):
             read(path)
+
+
+class TestSurvival:
+    """The table of docs/ros-and-mcap.md, cell by cell."""
+
+    DRIFT = 40e-6
+    ROWS = 2003
+
+    def stamp(self, row: int) -> int:
+        """The first and the last message are on time, the others up to 36 us late."""
+        return START + round(row * 10**6 * (1 + self.DRIFT)) + row * 5 % 13 * 3000
+
+    def made(self, kind: str, folder: Path) -> Path:
+        """1 kHz by a slow clock of the device, with 30 messages lost, and other topics."""
+        name = "survival"
+        with bag(folder, kind, name) as one:
+            make = one.make
+            for row in range(self.ROWS):
+                if 700 <= row < 730:
+                    continue
+                t = self.stamp(row)
+                one.put("/ft", t + 80_000 + row % 7, one.wrench(t, [row / 7] * 6, row))
+                if row % 100 == 0:
+                    vector, zeros = one.vector((row, 0, 9.81)), np.zeros(9)
+                    turn = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+                    imu = [
+                        one.header(START + row * 10**6, number=row // 100),
+                        turn,
+                        zeros,
+                        vector,
+                        zeros,
+                        vector,
+                        zeros,
+                    ]
+                    one.put("/imu", t, make("sensor_msgs/msg/Imu", *imu))
+                    joints = [
+                        one.header(START + row * 10**6, number=row // 100),
+                        ["hip"],
+                        np.ones(1),
+                        np.ones(1),
+                        np.ones(1),
+                    ]
+                    one.put("/joints", t, make("sensor_msgs/msg/JointState", *joints))
+                    one.put("/say", t, make("std_msgs/msg/String", f"row {row}"))
+                    layout = make("std_msgs/msg/MultiArrayLayout", [], 0)
+                    loose = np.zeros(row // 100 % 3, np.float32)
+                    one.put("/loose", t, make("std_msgs/msg/Float32MultiArray", layout, loose))
+            seen = make(
+                "sensor_msgs/msg/Image",
+                one.header(START),
+                1,
+                1,
+                "mono8",
+                0,
+                1,
+                np.zeros(1, np.uint8),
+            )
+            one.put("/camera", START, seen)
+        return path_of(folder, kind, name)
+
+    def cells(self, found: Any) -> dict[str, str]:
+        rows = np.delete(np.arange(self.ROWS), range(700, 730))
+        force = found["wrench.force.x"]
+        clocks = {
+            name: [c for c in found.clocks if c.clock == name and c.channel == 0]
+            for name in ("header", "log")
+        }
+        first, last = clocks["header"][0], clocks["header"][-1]
+        period = (last.time_ns - first.time_ns) / (last.tick - first.tick)
+        stamps = {"header": np.array([self.stamp(row) for row in range(self.ROWS)])}
+        stamps["log"] = stamps["header"] + 80_000 + np.arange(self.ROWS) % 7
+        kept = found["stamp"]
+        ticks = np.concatenate([np.arange(*span) for span in kept.coverage])
+        checks = {
+            "numbers": ("exact", force.stored.tolist() == (rows / 7).tolist()),
+            "names of fields and joints": ("exact", "hip.position" in found and "linear_acceleration.z" in found),
+            "`frame_id`": ("exact", force.device == "tool"),
+            "units of the types above": ("exact", [found[n].unit for n in ("wrench.torque.z", "hip.effort", "angular_velocity.x")] == ["N.m", "N.m", "rad/s"]),
+            "lost messages": ("exact", force.gaps == (Span(700, 730),)),
+            "rate of the device": ("within 1 ppm", abs(period / (1e6 * (1 + self.DRIFT)) - 1) < 1e-6),
+            "both clocks, once a second": ("exact", all(one.time_ns == stamps[name][one.tick] for name, own in clocks.items() for one in own) and len(clocks["log"]) >= 4),
+            "every stamp, with `--keep-stamps`": ("exact", np.array_equal(found.epoch_ns + ticks * 10**6 + kept.stored, stamps["header"][rows])),
+            "texts": ("exact", [e.text for e in found.events][:2] == ["row 0", "row 100"]),
+        }  # fmt: skip
+        lost = {
+            "covariances": not any("covariance" in label for label in found.labels),
+            "images": not any("camera" in label for label in found.labels),
+            "arrays of changing length": not any("loose" in label for label in found.labels),
+        }
+        return {name: cell if ok else "broken" for name, (cell, ok) in checks.items()} | {
+            name: "no" if ok else "broken" for name, ok in lost.items()
+        }
+
+    def test_every_cell(self, kind, folder):
+        found = read(self.made(kind, folder), keep_stamps=True)
+        from test_formats_mcap import table
+
+        rows = table("*exact* is bit for bit. The\nlast column quotes")
+        column = {"bag": ".bag", "db3": ".db3", "mcap": ".mcap"}[kind]
+        assert {name: row[column] for name, row in rows.items()} == self.cells(found)
+        notes = "\n".join(found.metadata["notes"])
+        for row in rows.values():
+            assert row["note"] in notes

@@ -462,9 +462,9 @@ class TestRead:
             hapfmt.read(tmp_path / "a.hapf", rate=5)
         with pytest.raises(ParameterError, match=r"a CSV file has no bands"):
             hapfmt.read(b"t,x\n0,1\n1,2\n", format="csv", band="lf")
-        (tmp_path / "a.h5").write_bytes(b"\x89HDF")
-        with pytest.raises(ParameterError, match=r"'\.h5' is not one of"):
-            hapfmt.read(tmp_path / "a.h5")
+        (tmp_path / "a.xls").write_bytes(b"\xd0\xcf\x11\xe0")
+        with pytest.raises(ParameterError, match=r"'\.xls' is not one of"):
+            hapfmt.read(tmp_path / "a.xls")
 
     @pytest.mark.parametrize("kind", ["array", "table", "list", "recording", "none"])
     def test_what_is_no_file(self, kind):

@@ -1,13 +1,14 @@
 """Unit texts -> UCUM codes."""
 
 import doctest
+import math
 
 import pytest
-from hypothesis import example, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from hapfmt import units
-from hapfmt.units import MAX_SIZE, to_ucum
+from hapfmt.units import MAX_SIZE, to_ucum, to_udunits
 
 SPELLINGS = {
     "": "1",
@@ -47,6 +48,44 @@ SPELLINGS = {
     "Millinewton": "mN",
     "g0": "[g]",
     "lbf": "[lbf_av]",
+    "Newton": "N",
+    "newtons": "N",
+    "newton_meter": "N.m",
+    "Newton metres": "N.m",
+    "m/s/s": "m/s/s",
+    "meter / second ** 2": "m/s2",
+    "meters per second squared": "m/s2",
+    "meters_per_second": "m/s",
+    "square meters": "m2",
+    "cubic meters per hour": "m3/h",
+    "per second": "/s",
+    "deg/s": "deg/s",
+    "dps": "deg/s",
+    "degC": "Cel",
+    "deg C": "Cel",
+    "degree_Celsius": "Cel",
+    "Degrees Celsius": "Cel",
+    "deg. C/min": "Cel/min",
+    "degrees F": "[degF]",
+    "microTesla": "uT",
+    "kilopascals": "kPa",
+    "millivolts": "mV",
+    "millibar": "mbar",
+    "nanoseconds": "ns",
+    "centimetres": "cm",
+    "kohm": "kOhm",
+    "microsiemens": "uS",
+    "litres": "L",
+    "bytes": "By",
+    "ft": "[ft_i]",
+    "ft/s": "[ft_i]/s",
+    "ft-lb": "[ft_i].[lbf_av]",
+    "miles": "[mi_i]",
+    "mph": "[mi_i]/h",
+    "atmospheres": "atm",
+    "standard_gravity": "[g]",
+    "g's": "[g]",
+    "px": "{pixel}",
 }
 # fmt: off
 CODES = [
@@ -66,6 +105,8 @@ ANNOTATED = {
     "G": "{G}",  # not gauss
     "N\u00f8rd": "{Nrd}",
     "m/(s": "{m/(s}",
+    "m_s": "{m_s}",  # m.s or m/s
+    "newton_apples": "{newton_apples}",
     "()": "1",
     "[(m)]": "m",
     "([g])": "[g]",
@@ -106,6 +147,138 @@ def test_any_text_gives_a_code_that_stays(text: str) -> None:
     assert 1 <= len(code.encode()) <= MAX_SIZE
     assert all("!" <= character <= "~" for character in code)
     assert code.count("{") == code.count("}")
+
+
+UDUNITS = {
+    "1": "1",
+    "N.m": "N m",
+    "kg.m2/(s3.A)": "kg m2 s-3 A-1",
+    "N/(m/s)": "N m-1 s",
+    "/min": "min-1",
+    "J/kg.K": "J kg-1 K",
+    "Cel": "degC",
+    "Cel/s": "K s-1",
+    "[degF]": "degF",
+    "[degF]/s": "degR s-1",
+    "deg/s": "degree s-1",
+    "m.%": "m %",  # " percent" is "per cent" there
+    "[g]": "gravity",
+    "m[g]": "mgravity",
+    "[psi]": "psi",
+    "[lbf_av]": "lbf",
+    "[in_i].[lbf_av]": "international_inch lbf",
+    "mm[Hg]": "mmHg",
+    "mm[Hg]2": "(mmHg)2",
+    "m[Hg]/s": "(1e3 mmHg) s-1",
+    "cm[H2O]": "cmH2O",
+    "{count}": "count",
+    "{rev}/min": "revolution min-1",
+    "m/s2{peak}": "m s-2",
+    "{raw(0-255)}": "1",
+    "[arb'U]/s": "s-1",
+    "kOhm": "kohm",
+    "ft": "international_foot",
+    "'": "arc_minute",
+    "dB": "0.1 lg(re 1)",
+    "B": "lg(re 1)",
+    "dB/m": None,
+    "B-1": None,
+    "newtons": "N",
+}
+
+
+@pytest.mark.parametrize(("code", "text"), UDUNITS.items())
+def test_udunits(code: str, text: str | None) -> None:
+    assert to_udunits(code) == text
+
+
+KELVIN = 5 / 9
+SI = {
+    "m": (1, "m"), "s": (1, "s"), "g": (1e-3, "kg"), "rad": (1, "1"), "K": (1, "K"), "C": (1, "A s"),
+    "cd": (1, "cd"), "mol": (1, "mol"), "sr": (1, "1"), "N": (1, "kg m s-2"), "Pa": (1, "kg m-1 s-2"),
+    "J": (1, "kg m2 s-2"), "W": (1, "kg m2 s-3"), "A": (1, "A"), "V": (1, "kg m2 s-3 A-1"),
+    "F": (1, "kg-1 m-2 s4 A2"), "Ohm": (1, "kg m2 s-3 A-2"), "S": (1, "kg-1 m-2 s3 A2"),
+    "Wb": (1, "kg m2 s-2 A-1"), "Cel": (1, "K"), "T": (1, "kg s-2 A-1"), "H": (1, "kg m2 s-2 A-2"),
+    "Hz": (1, "s-1"), "lm": (1, "cd"), "lx": (1, "cd m-2"), "L": (1e-3, "m3"), "l": (1e-3, "m3"),
+    "bar": (1e5, "kg m-1 s-2"), "eV": (1.602176634e-19, "kg m2 s-2"), "gf": (9.80665e-3, "kg m s-2"),
+    "bit": (1, "1"), "By": (8, "1"), "t": (1e3, "kg"), "[g]": (9.80665, "m s-2"), "[ppm]": (1e-6, "1"),
+    "m[Hg]": (133322.387415, "kg m-1 s-2"), "m[H2O]": (9806.65, "kg m-1 s-2"),
+    "%": (0.01, "1"), "deg": (math.pi / 180, "1"), "'": (math.pi / 10800, "1"),
+    "''": (math.pi / 648000, "1"), "min": (60, "s"), "h": (3600, "s"), "d": (86400, "s"),
+    "[degF]": (KELVIN, "K"), "[psi]": (6894.757293168361, "kg m-1 s-2"),
+    "[lbf_av]": (4.4482216152605, "kg m s-2"), "[lb_av]": (0.45359237, "kg"), "[in_i]": (0.0254, "m"),
+    "[ft_i]": (0.3048, "m"), "[mi_i]": (1609.344, "m"), "[ppth]": (1e-3, "1"), "[ppb]": (1e-9, "1"),
+    "[arb'U]": (1, "1"), "[pi]": (math.pi, "1"), "atm": (101325, "kg m-1 s-2"),
+}  # fmt: skip
+"""Values of the atoms by the UCUM specification."""
+METRIC, FIXED = units._METRIC.split(), units._FIXED.split()
+PREFIXED = [
+    (prefix, atom)
+    for prefix in ("", *units._SCALES)
+    for atom in METRIC
+    if atom != "B" and prefix + atom != "ft"
+]
+ATOMS = [*PREFIXED, *(("", atom) for atom in FIXED)]
+
+
+class TestUdunits:
+    """UDUNITS itself reads the texts."""
+
+    @pytest.fixture(autouse=True)
+    def library(self) -> None:
+        self.unit = pytest.importorskip("cf_units", reason="cf-units is not installed").Unit
+
+    def value(self, text: str, base: str) -> float:
+        """A difference of one of the unit, in SI base units."""
+        given, wanted = self.unit(text), self.unit(base)
+        return float(given.convert(1.0, wanted)) - float(given.convert(0.0, wanted))
+
+    def test_every_atom_with_every_prefix(self) -> None:
+        assert {atom for _, atom in ATOMS} == set(SI)
+        for prefix, atom in ATOMS:
+            value, base = SI[atom]
+            value *= 10.0 ** units._SCALES[prefix] if prefix else 1.0
+            text = to_udunits(prefix + atom)
+            # UDUNITS has another mantissa of eV. An offset takes digits of small differences.
+            near = self.value(f"{text} s", f"{base} s") if atom in ("Cel", "[degF]") else None
+            near = self.value(text, base) if near is None else near
+            assert near == pytest.approx(value, rel=1e-6), (prefix, atom, text)
+
+    def test_zeros_of_temperatures(self) -> None:
+        kelvin = self.unit("K")
+        assert self.unit(to_udunits("Cel")).convert(25.0, kelvin) == pytest.approx(298.15)
+        assert self.unit(to_udunits("[degF]")).convert(77.0, kelvin) == pytest.approx(298.15)
+
+    def test_decibels(self) -> None:
+        assert self.unit(to_udunits("dB")).convert(20.0, "1") == pytest.approx(100)
+
+    @given(
+        st.lists(st.tuples(st.sampled_from(ATOMS), st.sampled_from([-3, -1, 1, 2])), min_size=1, max_size=4),
+        st.booleans(),
+        st.data(),
+    )  # fmt: skip
+    def test_products(self, factors, inside: bool, data) -> None:
+        code, wanted = "", []
+        for place, ((prefix, atom), exponent) in enumerate(factors):
+            below = data.draw(st.booleans()) if place else False
+            code += ("/" if below else "." if place else "") + f"{prefix}{atom}"
+            code += str(exponent) if exponent != 1 else ""
+            value, base = SI[atom]
+            scale = 10.0 ** units._SCALES[prefix] if prefix else 1.0
+            wanted.append((scale * value, base, -exponent if below else exponent))
+        if inside:
+            code, wanted = f"cd/({code})", [(1.0, "cd", 1), *((v, b, -e) for v, b, e in wanted)]
+        assert to_ucum(code) == code
+        text = to_udunits(f"{code}.s")
+        bases = " ".join(f"({base}){power}" for _, base, power in wanted)
+        value = math.prod(v**e for v, _, e in wanted)
+        assume(1e-200 < value < 1e200)
+        assert self.value(text, f"{bases} s") == pytest.approx(value, rel=1e-5), text
+
+    @given(texts)
+    def test_any_text(self, text: str) -> None:
+        found = to_udunits(text)
+        assert found is None or not self.unit(found).is_unknown()
 
 
 def test_docstring() -> None:

@@ -309,10 +309,16 @@ _IMPORT_OPTIONS = (
     click.option(
         "--keep-stamps",
         is_flag=True,
-        help="Keep the original time stamps, as one lossless channel for each topic or table.",
+        help="Keep the original time stamps in a channel, one for each topic or table.",
     ),
 )
 IMPORT_NAMES = ("rate", "transpose", "select", "clock", "episode", "map", "keep_stamps")
+fps_option = click.option(
+    "--fps",
+    metavar="N",
+    help="Frames per second of a LeRobot dataset; each frame has a window of samples. [the rate of "
+    "the channels]",
+)
 unit_option = click.option(
     "--unit",
     metavar="UNIT",
@@ -535,12 +541,19 @@ def save_recording(
     format_: str | None,
     force: bool,
     limits: Limits | None = None,
+    **given: Any,
 ) -> None:
+    """``given``: options of the format, as ``hapfmt.save`` takes them."""
     from ..convert import save
 
     target = output_of(name, text=suffix_of(name, format_) == CSV)
     room = limits.memory if limits else None
-    for each in save(recording, target, format=format_, force=force, max_memory=room):
+    with progress("writing") as advance:
+        notes = save(
+            recording, target, format=format_, force=force, max_memory=room, progress=advance,
+            **given,
+        )  # fmt: skip
+    for each in notes:
         note(each)
     if name == "-":
         target.flush()  # type: ignore[union-attr]
@@ -549,7 +562,10 @@ def save_recording(
 def tell_written(target: str, words: str) -> None:
     """Reports on a terminal that the work is done; a pipe or a program gets nothing."""
     if target != "-" and width_of() is not None:
-        say(f"{target}: {words}, {Path(target).stat().st_size} bytes")
+        path = Path(target)
+        files = path.rglob("*") if path.is_dir() else [path]
+        size = sum(each.stat().st_size for each in files if each.is_file())
+        say(f"{target}: {words}, {size} bytes")
 
 
 def contents(found: Recording | Import) -> str:

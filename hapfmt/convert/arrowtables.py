@@ -19,7 +19,7 @@ import json
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import accumulate
 from math import lcm, prod
@@ -28,7 +28,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..clocks import ClockMap, ClockObservation
+from ..clocks import ClockObservation
 from ..errors import (
     HapfmtError,
     LimitError,
@@ -46,7 +46,6 @@ from ..recording import (
     Event,
     Recording,
     Span,
-    index_of_channel,
     seconds_of,
     unique,
 )
@@ -54,6 +53,7 @@ from ..times import TIME_UNITS, time_name
 from ..units import split_name
 from .common import choose_rate, not_carried, one_rate, rate_from, refusing, unit_of
 from .formats import ReadOptions, WriteOptions
+from .own import CARRIED, own_json, own_members, restored_counts, with_own
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
 from .timestamps import Placed, observations, place, stamp_channel
 
@@ -63,9 +63,9 @@ BATCH_SIZE = 1 << 23
 """Bytes of a batch, about, where rows are wide."""
 _DEPTH = 8
 """Levels of structures and lists within each other; deeper ones are left out."""
-_WIDTH = 1 << 14
+WIDTH = 1 << 14
 """Longest list that is read as channels."""
-_EVENTS = 10_000
+EVENTS = 10_000
 """Events that are made of a column of texts, or of rows without a rate."""
 _TEXT_SIZE = 1 << 16
 """Characters of a text that becomes an event."""
@@ -79,7 +79,7 @@ _RATE_KEYS = (
     "rate", "rate_hz", "sampling_rate", "sample_rate", "sampling_frequency", "samplerate", "fs",
     "sfreq", "fps",
 )  # fmt: skip
-_TEXT_KEYS = ("quantity", "axis", "group", "body_site", "device")
+TEXT_KEYS = ("quantity", "axis", "group", "body_site", "device")
 
 
 def arrow(extra: str = "arrow") -> Any:
@@ -123,7 +123,7 @@ class Container(Protocol):
 
 
 class Cells(NamedTuple):
-    """[rows] of one channel; ``missing`` is None where no value is."""
+    """Values, and the places without one; ``missing`` None: all are there."""
 
     values: NDArray[Any]
     missing: NDArray[np.bool_] | None
@@ -160,6 +160,20 @@ class Leaf:
 
     def split(self, batch: Any) -> list[Cells]:
         """The values of a batch, place by place."""
+        wide, lacking = self.wide(batch)
+        found = []
+        for number in range(self.count):
+            own, lacks = wide[:, number], lacking[:, number]
+            if not lacks.any():
+                found.append(Cells(own, None))
+            elif self.is_float:
+                found.append(Cells(np.where(lacks, own.dtype.type(np.nan), own), lacks))
+            else:
+                found.append(Cells(own, lacks))
+        return found
+
+    def wide(self, batch: Any) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """[rows, places] of a batch, and where values are missing."""
         import pyarrow as pa
 
         rows = batch.num_rows
@@ -186,18 +200,7 @@ class Leaf:
         lacking = ~present
         if missing is not None:
             lacking[present] = missing
-        wide = wide.reshape(rows, self.count)
-        lacking = lacking.reshape(rows, self.count)
-        found = []
-        for number in range(self.count):
-            own, lacks = wide[:, number], lacking[:, number]
-            if not lacks.any():
-                found.append(Cells(own, None))
-            elif self.is_float:
-                found.append(Cells(np.where(lacks, own.dtype.type(np.nan), own), lacks))
-            else:
-                found.append(Cells(own, lacks))
-        return found
+        return wide.reshape(rows, self.count), lacking.reshape(rows, self.count)
 
 
 def _storage(array: Any) -> Any:
@@ -256,17 +259,6 @@ def texts_of(metadata: Any) -> dict[str, str]:
     }
 
 
-def own_json(text: str | None, what: str) -> dict[str, Any]:
-    """What our writer put under the key ``hapfmt``; {} where nothing is."""
-    if text is None:
-        return {}
-    with refusing(what, RecursionError):
-        found = json.loads(text)
-    if not isinstance(found, dict):
-        raise ParameterError(f"{what}: not a JSON object")
-    return found
-
-
 class Columns:
     """The columns of a file, sorted by what they hold."""
 
@@ -320,10 +312,8 @@ class Columns:
         elif (width := self._width(type_, column, fields, shape)) is not None:
             if width == 0:
                 self.notes.append(f"column {name!r} is not read: its lists are empty")
-            elif width * prod(shape) > _WIDTH:
-                self.notes.append(
-                    f"column {name!r} is not read: its lists are longer than {_WIDTH}"
-                )
+            elif width * prod(shape) > WIDTH:
+                self.notes.append(f"column {name!r} is not read: its lists are longer than {WIDTH}")
             else:
                 inner_type = type_.value_type
                 self._add(field, inner_type, column, fields, (*shape, width), metadata)
@@ -408,7 +398,7 @@ def described(leaf: Leaf, place: int, notes: list[str]) -> ImportColumn:
     if leaf.shape:
         label = ".".join([label, *map(str, np.unravel_index(place, leaf.shape))])
     code = unit_of(unit, label, notes)
-    texts = {key: about[key] for key in _TEXT_KEYS if key in about}
+    texts = {key: about[key] for key in TEXT_KEYS if key in about}
     source = unit if unit not in ("", code) else ""
     return replace(ImportColumn(label, code, source_unit=source), **texts)  # type: ignore[arg-type]
 
@@ -597,26 +587,6 @@ def _converted(
     return counts
 
 
-def restored_counts(
-    x: NDArray[Any], calibration: Calibration, dtype: np.dtype[Any]
-) -> NDArray[Any] | None:
-    """The counts of physical values; None where these are not what the counts give, bit for bit."""
-    if not x.size:
-        return np.empty(0, dtype)
-    with np.errstate(all="ignore"):
-        found = np.rint((x.astype(np.float64) * calibration.d - calibration.b) / calibration.a)
-        if not (np.abs(found) < 2.0**53).all():
-            return None
-        whole = found.astype(np.int64)
-        counts: NDArray[Any] = whole.astype(dtype)
-        if not np.array_equal(counts.astype(np.int64), whole):
-            return None
-        if not calibration.covers(int(whole.min()), int(whole.max())):
-            return None
-        given = calibration.physical(counts).astype(x.dtype)
-    return counts if np.array_equal(given, x) and not np.signbit(x[x == 0]).any() else None
-
-
 # Times
 
 
@@ -790,9 +760,9 @@ def text_events(
                 text = None if code < 0 else encoded.dictionary[code].as_py()
                 if not runs or runs[-1][1] != text:
                     runs.append((rows + edge, text))
-                if len(runs) > _EVENTS or (text is not None and len(text) > _TEXT_SIZE):
+                if len(runs) > EVENTS or (text is not None and len(text) > _TEXT_SIZE):
                     notes.append(
-                        f"column {column!r} of texts is not read: it has more than {_EVENTS} "
+                        f"column {column!r} of texts is not read: it has more than {EVENTS} "
                         f"changes, or texts longer than {_TEXT_SIZE} characters"
                     )
                     return []
@@ -989,7 +959,7 @@ def _as_events(
     notes: list[str],
 ) -> Import:
     """Rows without a rate: one event each, with the values as JSON."""
-    if container.row_count > _EVENTS:
+    if container.row_count > EVENTS:
         raise ParameterError(
             f"column {stamps.column!r} holds {container.row_count} times without a rate; give one "
             "(rate=) to move each row to the nearest tick"
@@ -1021,54 +991,6 @@ def _as_events(
     )
 
 
-# The other members of a recording
-
-
-def own_members(recording: Recording) -> dict[str, Any]:
-    """The members of a recording as JSON, where it has them."""
-    labels = recording.labels
-    events = [
-        {**vars(e), "time": str(e.time), "duration": str(e.duration),
-         "channel": index_of_channel(e, labels)}
-        for e in recording.events
-    ]  # fmt: skip
-    metadata = {key: value for key, value in recording.metadata.items() if key != "notes"}
-    found = {
-        "epoch_ns": recording.epoch_ns,
-        "epoch_uncertainty_ns": recording.epoch_uncertainty_ns or None,
-        "metadata": metadata or None,
-        "events": events or None,
-        "clocks": [asdict(seen) for seen in recording.clocks] or None,
-        "clock_maps": [asdict(one) for one in recording.clock_maps] or None,
-    }
-    return {key: value for key, value in found.items() if value is not None}
-
-
-CARRIED = (
-    "epoch_ns", "epoch_uncertainty_ns", "events", "calibration", "label", "unit", "quantity",
-    "axis", "group", "body_site", "device", "lsb", "clocks", "clock_maps",
-)  # fmt: skip
-
-
-def with_own(made: Import, own: Mapping[str, Any]) -> Import:
-    """The import with the members that :func:`own_members` wrote."""
-    if not own:
-        return made
-    with refusing("the metadata of the file", RecursionError, AttributeError):
-        events = tuple(Event(**row) for row in own.get("events", []))
-        clocks = tuple(ClockObservation(**row) for row in own.get("clocks", []))
-        maps = tuple(ClockMap(**row) for row in own.get("clock_maps", []))
-        metadata = dict(own.get("metadata", {}))
-        uncertainty = int(own.get("epoch_uncertainty_ns", 0))
-        epoch_ns = own.get("epoch_ns")
-        if epoch_ns is not None:
-            epoch_ns = int(epoch_ns)
-    return replace(
-        made, epoch_ns=epoch_ns, epoch_uncertainty_ns=uncertainty, metadata=metadata,
-        events=events, clocks=clocks, clock_maps=maps,
-    )  # fmt: skip
-
-
 # Writing
 
 
@@ -1076,6 +998,7 @@ class Sparse:
     """The samples of a channel by tick: values, and where there are none."""
 
     def __init__(self, channel: Channel, values: NDArray[Any]) -> None:
+        self.dtype = values.dtype
         self._values = values
         self._spans = channel.coverage
         self._starts = [span.start for span in channel.coverage]
@@ -1183,14 +1106,22 @@ def tables_of(
 
 
 def _field_metadata(channel: Channel) -> dict[str, str]:
+    return {**channel_texts(channel), "hapfmt": json.dumps(channel_numbers(channel))}
+
+
+def channel_texts(channel: Channel) -> dict[str, str]:
     about = {"label": channel.label, "unit": channel.unit}
-    about |= {key: text for key in _TEXT_KEYS if (text := getattr(channel, key))}
-    calibration = channel.calibration if channel.exact is None else None
+    return about | {key: text for key in TEXT_KEYS if (text := getattr(channel, key))}
+
+
+def channel_numbers(channel: Channel) -> dict[str, Any]:
+    """What the values of a column need in order to become the samples of a channel again."""
     own: dict[str, Any] = {
         "dtype": str(channel.stored.dtype if channel.exact is None else channel.exact.dtype)
     }
+    calibration = channel.calibration if channel.exact is None else None
     if calibration is not None:
         own["calibration"] = [calibration.a, calibration.b, calibration.d]
     if channel.lsb is not None:
         own["lsb"] = channel.lsb
-    return {**about, "hapfmt": json.dumps(own)}
+    return own

@@ -232,7 +232,9 @@ def not_carried(recording: Recording, suffix: str, *carried: str) -> list[str]:
             and any(getattr(c, name) != getattr(plain[1], name) for c in recording.channels)
         ),
     ]
-    return [f"not carried over to {suffix}: {', '.join(lost)}"] if lost else []
+    has_clocks = "clocks" in lost or "clock_maps" in lost
+    advice = "; .npz holds clocks" if has_clocks else ""
+    return [f"not carried over to {suffix}: {', '.join(lost)}{advice}"] if lost else []
 
 
 _RECORDING_FIELDS = [f.name for f in fields(Recording) if f.name not in ("channels", "metadata")]

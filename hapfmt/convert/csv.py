@@ -7,6 +7,7 @@ import re
 import warnings
 from array import array
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from fractions import Fraction
 from io import TextIOWrapper
 from math import inf, isinf, nan
@@ -30,6 +31,7 @@ from .common import (
     with_notes,
 )
 from .formats import Destination, ReadOptions, Source, WriteOptions
+from .timestamps import kept_stamps
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.A | re.I)
 _COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.A | re.I)
@@ -108,7 +110,7 @@ def read(source: Source, options: ReadOptions) -> Recording:
     """
     lines = _Lines(source.stream)
     try:
-        return _Table(lines, options.max_memory).recording(options.rate)
+        return _Table(lines, options).recording(options.rate)
     except csv.Error as error:
         raise ParameterError(f"line {lines.number}: {error}") from error
     finally:
@@ -118,10 +120,11 @@ def read(source: Source, options: ReadOptions) -> Recording:
 class _Table:
     """A table being read: its columns, then its rows."""
 
-    def __init__(self, lines: _Lines, max_memory: int) -> None:
+    def __init__(self, lines: _Lines, options: ReadOptions) -> None:
         self._lines = lines
         self._rows_left = iter(lines)
-        self._max_memory = max_memory
+        self._max_memory = options.max_memory
+        self._keep_stamps = options.keep_stamps
         header = next((line for line in self._rows_left if line.strip()), None)
         if header is None:
             raise ParameterError("no header row 'name [unit]'; the table is empty")
@@ -160,22 +163,24 @@ class _Table:
         x = np.frombuffer(self._values) if self._values else np.empty(0)
         x = x.reshape(-1, columns)
         notes: list[str] = []
-        grid = self._rising_grid(rate, notes)
+        stamps, grid = self._rising, self._rising_grid(rate, notes)
         if grid is not None:
             first, x = 1, x[:, 1:]
         else:
-            grid = self._grid(len(x), rate)
+            stamps, grid = self._stamps, self._grid(len(x), rate)
         notes += grid.notes
         for note in grid.notes:
-            warnings.warn(note, MovedTimesWarning, stacklevel=6)
+            warnings.warn(note, MovedTimesWarning, stacklevel=5)
         if self._lines.comments:
             notes.append(f"comment lines not carried over: {self._lines.comments}")
         named = [split_name(name) for name in self._names[first:]]
-        labels = unique([label for label, _ in named], notes)
+        kept = () if stamps is None or stamps.ns is None else (kept_stamps(stamps.ns, grid),)
+        names = [*(label for label, _ in named), *(channel.label for channel in kept)]
+        labels = unique(names, notes)
         channels = tuple(
             _channel(label, unit, column, grid, notes)
-            for label, (_, unit), column in zip(labels, named, x.T, strict=True)
-        )
+            for label, (_, unit), column in zip(labels, named, x.T, strict=False)
+        ) + tuple(replace(channel, label=labels[-1]) for channel in kept)
         return Recording(channels, metadata=with_notes({}, notes), epoch_ns=grid.epoch_ns)
 
     def _grid(self, rows: int, rate: Fraction | None) -> TickGrid:
@@ -186,6 +191,8 @@ class _Table:
                     f"since 1970; name the unit in the header, as {self._names[0]!r} + ' [ms]'"
                 )
             return self._stamps.grid(rate)
+        if self._keep_stamps:
+            raise ParameterError("no first column 't [s]', so there are no time stamps to keep")
         if rate is None:
             raise ParameterError("no first column 't [s]' and no rate; give one (rate=)")
         return TickGrid(rate, np.arange(rows), ())
@@ -196,12 +203,14 @@ class _Table:
     def _time_column(self) -> TimeStamps | None:
         named = time_name(self._names[0])
         self._unit_missing = named is not None and named.unit is None
-        return None if named is None else TimeStamps(named.exponent)
+        return None if named is None else TimeStamps(named.exponent, keep=self._keep_stamps)
 
     def _column_in_seconds(self) -> TimeStamps | None:
         """A first column of another name with a unit of time: times, if they rise in every row."""
         unit = split_name(self._names[0])[1]
-        return TimeStamps(TIME_UNITS[unit]) if unit in TIME_UNITS and len(self._names) > 1 else None
+        if unit not in TIME_UNITS or len(self._names) < 2:
+            return None
+        return TimeStamps(TIME_UNITS[unit], keep=self._keep_stamps)
 
     def _add_rising(self, cell: str) -> None:
         assert self._rising is not None

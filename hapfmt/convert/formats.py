@@ -125,7 +125,7 @@ class ReadOptions:
     map
         path of a TOML file that says where channels, times and units are.
     keep_stamps
-        keep the original time stamps, as one lossless channel for each table.
+        keep the original time stamps, as a channel of integers for each table.
     max_memory
         bytes that the values may take.
     progress
@@ -376,7 +376,7 @@ NPZ = Format(
     module="hapfmt.convert.npz",
     writes=True,
     magic=((0, b"PK"),),
-    options=frozenset({"transpose"}),
+    options=frozenset({"transpose", "keep_stamps"}),
 )
 NPY = Format(
     name="npy",
@@ -387,7 +387,14 @@ NPY = Format(
     magic=((0, b"\x93NUMPY"),),
     options=frozenset({"transpose"}),
 )
-CSV = Format(name="csv", title="CSV", suffixes=(".csv",), module="hapfmt.convert.csv", writes=True)
+CSV = Format(
+    name="csv",
+    title="CSV",
+    suffixes=(".csv",),
+    module="hapfmt.convert.csv",
+    writes=True,
+    options=frozenset({"keep_stamps"}),
+)
 WAV = Format(
     name="wav",
     title="WAV",
@@ -412,8 +419,9 @@ MCAP = Format(
     title="MCAP",
     suffixes=(".mcap",),
     module="hapfmt.convert.mcap",
+    writes=True,
     magic=((0, b"\x89MCAP0\r\n"),),
-    options=_TOPICS,
+    options=_TOPICS | {"schema"},
 )
 ROSBAG = Format(
     name="rosbag",
@@ -447,6 +455,30 @@ XDF = Format(
     module="hapfmt.convert.xdf",
     magic=((0, b"XDF:"),),
     options=frozenset({"select", "episode", "keep_stamps"}),
+)
+TDMS = Format(
+    name="tdms",
+    title="TDMS",
+    suffixes=(".tdms",),
+    module="hapfmt.convert.tdms",
+    magic=((0, b"TDSm"),),
+    options=frozenset({"select"}),
+)
+HJIF = Format(
+    name="hjif",
+    title="HJIF",
+    suffixes=(".hjif",),
+    module="hapfmt.convert.hjif",
+    writes=True,
+    options=frozenset({"select"}),
+)
+AHAP = Format(
+    name="ahap",
+    title="AHAP",
+    suffixes=(".ahap",),
+    module="hapfmt.convert.ahap",
+    writes=True,
+    options=frozenset({"select"}),
 )
 EDF = Format(
     name="edf",
@@ -484,5 +516,42 @@ FEATHER = Format(
     magic=((0, b"ARROW1"), (0, b"FEA1")),
     options=frozenset({"select", "clock", "keep_stamps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, XDF, PARQUET, FEATHER, HDF5)
+MAT = Format(
+    name="mat",
+    title="MAT",
+    suffixes=(".mat",),
+    module="hapfmt.convert.mat",
+    writes=True,
+    magic=((124, b"\x00\x01IM"), (124, b"\x01\x00MI"), (124, b"\x00\x02IM"), (124, b"\x02\x00MI")),
+    options=HDF5.options,
+)
+LEROBOT = Format(
+    name="lerobot",
+    title="LeRobot",
+    module="hapfmt.convert.lerobot",
+    writes=True,
+    folder="meta/info.json",
+    options=frozenset({"select", "clock", "episode", "keep_stamps", "fps"}),
+)
+OURS = (
+    NPZ,
+    NPY,
+    CSV,
+    WAV,
+    MCAP,
+    ROSBAG,
+    ROS2,
+    FLAC,
+    EDF,
+    BDF,
+    XDF,
+    TDMS,
+    HJIF,
+    AHAP,
+    PARQUET,
+    FEATHER,
+    HDF5,
+    MAT,
+    LEROBOT,
+)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""

@@ -17,6 +17,8 @@ from ..errors import LimitError, MissingExtraError, ParameterError
 from .common import refusing
 from .formats import ReadOptions, Source
 from .json_messages import MAX_DEPTH, JsonDecoder
+from .mcap_own import own_import
+from .mcap_writer import KEY, RECORD, write
 from .messages import MessageDecoder, Topic, TopicMessage, read_messages
 from .ros_layout import RosLayout
 from .tables import Import
@@ -64,6 +66,11 @@ def read_files(paths: Sequence[Path], options: ReadOptions) -> Import:
 
 def _read(parts: Sequence[Path | BinaryIO], options: ReadOptions) -> Import:
     file = _McapFile(parts, options)
+    text = file.metadata.pop(RECORD, {}).get(KEY)
+    if text is not None and not (options.rate or options.clock or options.keep_stamps):
+        own = own_import(file, text, options, file.attachments, file.notes)
+        if own is not None:
+            return own
     return read_messages(
         file, options, metadata=file.metadata, attachments=file.attachments, notes=file.notes
     )
@@ -366,3 +373,6 @@ def _units_of(schema: Schema) -> dict[str, str]:
 
     walk(found, "", 0)
     return units
+
+
+__all__ = ["read", "read_files", "write"]

@@ -256,6 +256,7 @@ class _MessageReading:
         if first is not None:
             anchors.append(Placed(Fraction(1), np.zeros(1, np.int64), first, (), 0, 0.0))
         epoch_ns, starts = align(anchors)
+        epoch = epoch_ns if epoch_ns >= _UNIX_NS else None
         names = self.prefixes(order, scans, columns)
         tables = [
             self.table(scans[n], placed[n], start, columns[n], names[n], clocks[n])
@@ -268,7 +269,7 @@ class _MessageReading:
             for place_, number in enumerate(order):
                 extra.append(
                     stamp_channel(
-                        placed[number], stamps[number], epoch_ns, tables[place_].start_tick
+                        placed[number], stamps[number], epoch or 0, tables[place_].start_tick
                     )
                 )
                 one = tables[place_]
@@ -284,7 +285,7 @@ class _MessageReading:
         return Import(
             tables=tuple(final),
             blocks=reading.blocks,
-            epoch_ns=epoch_ns if epoch_ns >= _UNIX_NS else None,
+            epoch_ns=epoch,
             metadata=metadata,
             attachments=attachments,
             events=tuple(
@@ -396,7 +397,7 @@ class _MessageReading:
             scan.logs.extend([message.log_ns for message in messages])
             scan.sequence.extend([message.number for message in messages])
 
-        for number, messages in _batches(self.file.messages(wanted)):
+        for number, messages in batches(self.file.messages(wanted)):
             left -= len(messages)
             if left < 0:
                 raise LimitError(
@@ -584,7 +585,7 @@ class _MessageReading:
         found: list[tuple[int, str, str]] = []
         row = dict.fromkeys(wanted, 0)
         left = self.options.max_memory
-        for number, messages in _batches(self.file.messages(wanted)):
+        for number, messages in batches(self.file.messages(wanted)):
             topic = scans[number].topic
             assert topic.decoder is not None
             texts = [""] * len(messages)
@@ -625,7 +626,7 @@ class _SecondPass:
     def blocks(self) -> Iterator[ImportBlock]:
         done = [0] * len(self.places)
         wanted = {number for number, place_ in self.places.items() if self.selected[place_]}
-        for number, messages in _batches(self.file.messages(wanted)):
+        for number, messages in batches(self.file.messages(wanted)):
             place_ = self.places[number]
             first, table = done[place_], self.tables[place_]
             rows = len(messages)
@@ -651,7 +652,7 @@ class _SecondPass:
             yield ImportBlock(place_, first, values)
 
 
-def _batches(messages: Iterator[TopicMessage]) -> Iterator[tuple[int, list[TopicMessage]]]:
+def batches(messages: Iterator[TopicMessage]) -> Iterator[tuple[int, list[TopicMessage]]]:
     """The messages topic by topic, some at a time."""
     waiting: dict[int, list[TopicMessage]] = {}
     sizes: dict[int, int] = {}
@@ -730,5 +731,6 @@ __all__ = [
     "MessageFile",
     "Topic",
     "TopicMessage",
+    "batches",
     "read_messages",
 ]

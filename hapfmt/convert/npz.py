@@ -33,13 +33,14 @@ import struct
 import warnings
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
+from decimal import Decimal
 from fractions import Fraction
 from io import SEEK_END
 from math import isinf, isnan, nan
 from operator import itemgetter
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ from ..files import Closing
 from ..limits import TICK_LIMIT
 from ..numbers import checked_rate
 from ..recording import Channel, Event, Recording, index_of_channel, spans_at, spans_of, unique
-from ..times import STEADY, TickGrid, TimeStamps, deviation_note
+from ..times import STEADY, TickGrid, TimeStamps, deviation_note, whole_ns
 from .common import (
     CHANNEL_LIMIT,
     Dense,
@@ -63,6 +64,7 @@ from .common import (
 )
 from .formats import Destination, ReadOptions, Source, WriteOptions
 from .npy import doubles_2d, memory_of, read_array, read_header, write_array, write_dense
+from .timestamps import kept_stamps
 
 T = TypeVar("T", Event, ClockObservation, ClockMap)
 _KEY = re.compile(
@@ -84,7 +86,7 @@ _KEYS_NAMED = 8
 
 def read(source: Source, options: ReadOptions) -> Recording:
     """A zip file of arrays with the keys above; NaN is a gap, other keys are noted."""
-    rate, transpose = options.rate, options.transpose
+    rate = options.rate
     with _Archive(source.stream, options.max_memory) as archive:
         matches = [match for key in archive.members if (match := _KEY.fullmatch(key)) is not None]
         # What follows the name in the keys x, x__0, x__1 ... of the groups.
@@ -97,8 +99,8 @@ def read(source: Source, options: ReadOptions) -> Recording:
         if rate is not None and len(endings) > 1:
             raise ParameterError("the file holds several rates; they cannot be overridden by one")
         notes: list[str] = []
-        found = [_channels(archive, ending, rate, notes, transpose) for ending in endings]
-        channels = [channel for group, _ in found for channel in group]
+        found = [_channels(archive, ending, options, notes) for ending in endings]
+        channels = [channel for group in found for channel in group.channels]
         positions = [p for ending in endings for p in archive.integers(f"index{ending}")]
         origin = archive.texts("source")
         events = archive.objects("events", Event)
@@ -107,8 +109,9 @@ def read(source: Source, options: ReadOptions) -> Recording:
     if positions and sorted(positions) != list(range(len(channels))):
         raise ParameterError("the index keys do not give each channel a position of its own")
     placed = zip(positions or range(len(channels)), channels, strict=True)
-    ordered = sorted(placed, key=itemgetter(0))
-    names = unique([channel.label for _, channel in ordered], notes)
+    ordered = [channel for _, channel in sorted(placed, key=itemgetter(0))]
+    ordered += [group.stamps for group in found if group.stamps is not None]
+    names = unique([channel.label for channel in ordered], notes)
     if unread := sorted(key for key in archive.members if key not in archive.used):
         more = len(unread) - _KEYS_NAMED
         shown = ", ".join(map(repr, unread[:_KEYS_NAMED]))
@@ -118,13 +121,13 @@ def read(source: Source, options: ReadOptions) -> Recording:
     return Recording(
         tuple(
             channel if channel.label == name else replace(channel, label=name)
-            for (_, channel), name in zip(ordered, names, strict=True)
+            for channel, name in zip(ordered, names, strict=True)
         ),
         metadata=described,
         events=tuple(events),
         clocks=tuple(clocks),
         clock_maps=tuple(clock_maps),
-        epoch_ns=found[0][1] if len(found) == 1 else None,
+        epoch_ns=found[0].epoch_ns if len(found) == 1 else None,
     )
 
 
@@ -288,19 +291,21 @@ def _array_of(
     return np.stack(rows), keys
 
 
-def _channels(
-    archive: _Archive,
-    ending: str,
-    rate: Fraction | None,
-    notes: list[str],
-    transpose: bool | None,
-) -> tuple[list[Channel], int | None]:
-    """The channels of one group, which share a rate and a start, and the epoch that its times
-    tell."""
-    x, keys = _array_of(archive, ending, transpose)
+class _Group(NamedTuple):
+    """Channels that share a rate and a start, the epoch that their times tell, and the channel
+    that keeps these times."""
+
+    channels: list[Channel]
+    epoch_ns: int | None = None
+    stamps: Channel | None = None
+
+
+def _channels(archive: _Archive, ending: str, options: ReadOptions, notes: list[str]) -> _Group:
+    rate, keep = options.rate, options.keep_stamps
+    x, keys = _array_of(archive, ending, options.transpose)
     channels, ticks = x.shape
     if not channels:
-        return [], None
+        return _Group([])
     labels = archive.texts(f"channel_names{ending}") or keys
     labels = labels or [f"ch{i + 1}" for i in range(channels)]
     if len(labels) == ticks != channels:
@@ -326,24 +331,28 @@ def _channels(
         raise ParameterError(f"lsb{ending} holds a step that is negative or infinite")
     if len(starts) != 1 or not 0 <= starts[0] <= TICK_LIMIT - ticks:
         raise ParameterError(f"start_tick{ending} is not one tick in [0, 2^48)")
-    found, ticks_at, epoch_ns = _rate(archive, ending), None, None
+    found = _rate(archive, ending)
+    grid: TickGrid | None = None
+    kept: Sequence[int] | None = None
     keys_of_times = [f"{name}{ending}" for name in (_TIMES if not ending else _TIMES[:1])]
     times = None
     for key in [key for key in keys_of_times if key in archive.members][:1]:
         times = exact_doubles(archive.numbers(key, "iuf", "numbers", TICK_LIMIT), f"key {key!r}")
     if times is not None and found is None:
-        grid = _grid(times, rate, ticks)
-        found, ticks_at, epoch_ns = grid.rate, grid.ticks, grid.epoch_ns
+        grid, kept = _grid(times, rate, ticks, keep)
+        found = grid.rate
         notes += grid.notes
         for note in grid.notes:
-            warnings.warn(note, MovedTimesWarning, stacklevel=7)
+            warnings.warn(note, MovedTimesWarning, stacklevel=6)
     hertz = choose_rate(rate, found, notes)
-    if times is not None and ticks_at is None:
-        notes += _times_notes(times, hertz, ticks, starts[0])
+    if grid is None and keep:
+        kept = _in_ns(times, ticks, keys_of_times[0])
+    if times is not None and grid is None:
+        notes += _times_notes(times, hertz, ticks, starts[0], kept=keep)
     made = []
     for row, label, unit, step in zip(x, labels, units, steps, strict=True):
         known = ~np.isnan(row)
-        spans = tuple(spans_of(known, starts[0])) if ticks_at is None else spans_at(ticks_at[known])
+        spans = tuple(spans_of(known, starts[0])) if grid is None else spans_at(grid.ticks[known])
         made.append(
             Channel(
                 np.ascontiguousarray(row) if known.all() else row[known],
@@ -354,19 +363,35 @@ def _channels(
                 lsb=None if isnan(step) or not step else step,  # 0: not known
             )
         )
-    return made, epoch_ns
+    grid = grid or TickGrid(hertz, np.arange(starts[0], starts[0] + ticks), ())
+    return _Group(made, grid.epoch_ns, None if kept is None else kept_stamps(kept, grid))
 
 
-def _grid(times: NDArray[np.float64], rate: Fraction | None, ticks: int) -> TickGrid:
+def _in_ns(times: NDArray[np.float64] | None, ticks: int, key: str) -> list[int]:
+    """The times of samples whose rate is known already."""
+    if times is None:
+        raise ParameterError(f"no key {key!r}, so there are no time stamps to keep")
+    if len(times) != ticks or not np.isfinite(times).all():
+        raise ParameterError(
+            f"the sample times cannot be kept: there are {len(times)}, perhaps not finite, for "
+            f"{ticks} samples"
+        )
+    with refusing("the sample times cannot be kept"):
+        return [whole_ns(Decimal(repr(time))) for time in times.tolist()]
+
+
+def _grid(
+    times: NDArray[np.float64], rate: Fraction | None, ticks: int, keep: bool
+) -> tuple[TickGrid, Sequence[int] | None]:
     if len(times) != ticks:
         raise ParameterError(f"{len(times)} times for {ticks} samples; give the rate (rate=)")
-    stamps = TimeStamps()
+    stamps = TimeStamps(keep=keep)
     for time in times.tolist():
         try:
             stamps.add(repr(time))
         except ValueError as error:
             raise ParameterError(f"the time {time!r} {error}; give the rate (rate=)") from None
-    return stamps.grid(rate)
+    return stamps.grid(rate), stamps.ns
 
 
 def _rate(archive: _Archive, ending: str) -> Fraction | None:
@@ -381,7 +406,9 @@ def _rate(archive: _Archive, ending: str) -> Fraction | None:
     return exact
 
 
-def _times_notes(times: NDArray[np.float64], rate: Fraction, ticks: int, start: int) -> list[str]:
+def _times_notes(
+    times: NDArray[np.float64], rate: Fraction, ticks: int, start: int, *, kept: bool
+) -> list[str]:
     """What the grid, which replaces the true times of the samples, in s, does not keep of them."""
     if len(times) != ticks or not ticks or not np.isfinite(times).all():
         return [
@@ -392,7 +419,7 @@ def _times_notes(times: NDArray[np.float64], rate: Fraction, ticks: int, start: 
         largest = float(np.abs(times - times[0] - np.arange(ticks) * float(1 / rate)).max())
     notes = []
     if largest > STEADY / float(rate):
-        notes.append(deviation_note(largest, rate, " (key 't')"))
+        notes.append(deviation_note(largest, rate, " (key 't')", kept=kept))
     if abs(float(times[0]) - start / rate) > max(largest, STEADY / float(rate)):
         notes.append(f"the times begin at {float(times[0])} s, which became tick {start}")
     return notes

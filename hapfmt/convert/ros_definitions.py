@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import MissingExtraError, ParameterError
@@ -44,3 +44,15 @@ def parsed(text: str, kind: str, language: str) -> Types:
     if kind not in types:
         raise ParameterError("the file does not define its type")
     return types
+
+
+def definition(kind: str, fields: Sequence[tuple[str, str]] = ()) -> tuple[Types, str]:
+    """The types and the text of a definition of ROS 2: of a common type, or of one with a header
+    and these ``fields``, (type, name)."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    if fields:
+        lines = ["std_msgs/Header header", *(f"{type_} {name}" for type_, name in fields)]
+        store.register(get_types_from_msg("\n".join(lines), kind))
+    text: str = store.generate_msgdef(kind, ros_version=2)[0]
+    types: Types = store.fielddefs
+    return types, text

@@ -20,14 +20,14 @@ Bytes2D = NDArray[np.uint8]
 Types = Mapping[str, tuple[Any, Sequence[tuple[str, tuple[Any, Any]]]]]
 """What ``rosbags.typesys`` parses: type -> constants and (field, description)."""
 
-_BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
+BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4
 """Kinds of a description, ``rosbags.interfaces.Nodetype``."""
-_NUMBERS = {
+NUMBERS = {
     "bool": "u1", "byte": "u1", "char": "u1", "octet": "u1", "int8": "i1", "uint8": "u1",
     "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8",
     "float32": "f4", "float64": "f8",
 }  # fmt: skip
-_TIME, _DURATION = "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"
+TIME, DURATION = "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"
 _EMPTY = "structure_needs_at_least_one_member"
 _MAX_FIELDS = 4096
 """Fields of one message, those of the members of arrays counted singly."""
@@ -175,14 +175,14 @@ class _LayoutWalk:
         if self.field_count > _MAX_FIELDS:
             raise LimitError(f"messages of type {self.layout.kind} have too many fields")
         what, about = int(description[0].value), description[1]
-        if what == _BASE:
+        if what == BASE:
             self.base_field(about[0], path, owners)
-        elif what == _NAME and about in (_TIME, _DURATION):
+        elif what == NAME and about in (TIME, DURATION):
             self.time(about, path, owners)
-        elif what == _NAME:
+        elif what == NAME:
             self.structure(about, path, owners, depth + 1)
         else:
-            count = int(about[1]) if what == _ARRAY else self.length(4)
+            count = int(about[1]) if what == ARRAY else self.length(4)
             self.array(about[0], count, path, owners, depth)
 
     def base_field(self, name: str, path: str, owners: tuple[tuple[str, str], ...]) -> None:
@@ -192,7 +192,7 @@ class _LayoutWalk:
             self._taken(size)
         elif owners[-1][1] == _EMPTY and not self.layout.is_cdr:
             return
-        elif name in _NUMBERS:
+        elif name in NUMBERS:
             dtype = self.dtype(name)
             self.align(dtype.itemsize)
             if owners[-1][1] != _EMPTY:
@@ -202,7 +202,7 @@ class _LayoutWalk:
             raise ParameterError(f"fields of type {name} are not known")
 
     def time(self, kind: str, path: str, owners: tuple[tuple[str, str], ...]) -> None:
-        unsigned = kind == _TIME and not self.layout.is_cdr
+        unsigned = kind == TIME and not self.layout.is_cdr
         self.align(4)
         # Seconds and nanoseconds; those of ROS 2 are a signed and an unsigned integer, and below
         # 10^9 the latter has the same bits.
@@ -218,7 +218,7 @@ class _LayoutWalk:
         owners: tuple[tuple[str, str], ...],
         depth: int,
     ) -> None:
-        if int(member[0].value) == _BASE and member[1][0] in _NUMBERS:
+        if int(member[0].value) == BASE and member[1][0] in NUMBERS:
             dtype = self.dtype(member[1][0])
             if count:
                 self.align(dtype.itemsize)
@@ -233,7 +233,7 @@ class _LayoutWalk:
     def dtype(self, name: str) -> np.dtype[Any]:
         """A byte is signed in ROS 1."""
         signed = name == "byte" and not self.layout.is_cdr
-        return np.dtype(self.order + ("i1" if signed else _NUMBERS[name]))
+        return np.dtype(self.order + ("i1" if signed else NUMBERS[name]))
 
     def length(self, size: int) -> int:
         self.align(size)

@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ParameterError
 from ..limits import TICK_LIMIT
 from ..numbers import rdiv
-from ..times import STEADY, CountedRows, TimeStamps, in_words
+from ..recording import Channel, spans_at
+from ..times import STEADY, CountedRows, TickGrid, TimeStamps, in_words
+from .common import refusing
 
 _FEWEST_ROWS, _FEW_ROWS, _MANY_ROWS = 3, 8, 64
 """Rows that have a rate: if they are exactly regular, if they jitter a little, and if their ticks
@@ -261,9 +263,21 @@ def observations(
 def stamp_channel(
     placed: Placed, stamps_ns: ArrayLike, epoch_ns: int, start_tick: int
 ) -> NDArray[np.int64]:
-    """How much later than the time of its tick each stamp is, in ns: a channel that keeps them."""
+    """How much later than the time of its tick each stamp is, in ns: a channel that keeps them.
+
+    ``epoch_ns``: that of the recording, or 0 where it has none. Stamps of another clock: what it
+    shows at second 0, which observations of it keep.
+    """
     ticks = placed.ticks + start_tick
     return np.asarray(stamps_ns, np.int64) - _tick_times(ticks, placed.rate, epoch_ns)
+
+
+def kept_stamps(stamps_ns: Sequence[int], grid: TickGrid) -> Channel:
+    """The channel "stamp" of the rows of a table, see :func:`stamp_channel`."""
+    placed = Placed(grid.rate, grid.ticks, 0, (), 0, 0.0)
+    with refusing("the time stamps cannot be kept"):
+        values = stamp_channel(placed, np.array(stamps_ns, np.int64), grid.epoch_ns or 0, 0)
+    return Channel(values, grid.rate, spans_at(grid.ticks), label="stamp", unit="ns")
 
 
 def stamps_of(
