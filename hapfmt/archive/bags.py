@@ -75,7 +75,7 @@ def bag_work(source: str, limits: Limits) -> tuple[list[Job], list[FileOutcome]]
 
 
 @dataclass(frozen=True)
-class About:
+class DepositFacts:
     """What people say about a deposit; the rest comes from the catalogue."""
 
     title: str = ""
@@ -144,7 +144,7 @@ def is_ours(crate: Path) -> bool:
         return False
 
 
-def write_bag(root: Path, about: About, processes: int) -> dict[str, Any]:
+def write_bag(root: Path, about: DepositFacts, processes: int) -> dict[str, Any]:
     """Makes the folder a bag of BagIt 1.0 with SHA-256 manifests, and says what it holds."""
     module = bagit()
     info: dict[str, Any] = {
@@ -171,7 +171,9 @@ def write_bag(root: Path, about: About, processes: int) -> dict[str, Any]:
     return {"payload_size": int(size), "payload_count": int(count)}
 
 
-def crate_of(root: Path, rows: Iterable[Mapping[str, Any]], about: About, catalogue: str) -> bytes:
+def crate_of(
+    root: Path, rows: Iterable[Mapping[str, Any]], about: DepositFacts, catalogue: str
+) -> bytes:
     """An RO-Crate: every file, its checksum and the channels that it measures."""
     try:
         crates = import_module("rocrate.rocrate")

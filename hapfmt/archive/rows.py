@@ -22,7 +22,7 @@ from .jobs import FileOutcome, Job, content, hashed
 
 
 @dataclass
-class Statistics:
+class ChannelStatistics:
     """Statistics of one channel, in its unit. Values that are not finite are left out."""
 
     samples: int = 0
@@ -132,11 +132,11 @@ def about_channel(ref: ChannelRef) -> dict[str, Any]:
     }
 
 
-def measured(reader: Reader) -> list[tuple[ChannelRef, Statistics]]:
+def measured(reader: Reader) -> list[tuple[ChannelRef, ChannelStatistics]]:
     """Statistics of every channel, part by part, so that memory stays bounded."""
     parts = FileParts(reader)
     refs = [ref for ref in parts.refs if not any(track.unsupported for track in ref.tracks)]
-    found = {ref.number: Statistics() for ref in parts.refs}
+    found = {ref.number: ChannelStatistics() for ref in parts.refs}
     edges = parts.edges(*parts.extent())
     for start, stop in zip(edges, edges[1:], strict=False):
         assembly = reader.assembly(refs, start, stop) if refs else None

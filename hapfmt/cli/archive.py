@@ -566,7 +566,7 @@ def bag_folder(
     """
     from ..archive.bags import (
         CRATE,
-        About,
+        DepositFacts,
         bagit,
         crate_of,
         is_bag,
@@ -586,7 +586,7 @@ def bag_folder(
         if not equals:
             raise ParameterError(f"Expected KEY=VALUE, got {each!r}")
         pairs.append((name, value))
-    about = About(title, description, license_, authors, tuple(pairs))
+    about = DepositFacts(title, description, license_, authors, tuple(pairs))
     polars()
     bagit()
     root = Path(local_path(folder))
