@@ -30,6 +30,7 @@ LAYERS = (
     "writing",
     "edit replay",
     "lab",
+    "archive",
     "cli",
     "__main__",
 )
@@ -117,6 +118,9 @@ HEAVY = {
     "pyarrow",
     "polars",
     "dask",
+    "distributed",
+    "bagit",
+    "rocrate",
 }
 
 
