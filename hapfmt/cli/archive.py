@@ -282,7 +282,7 @@ def write_all(
     targets, shared = targets_of(places, target, suffix)
     work = []
     for place, output in zip(places, targets, strict=True):
-        others = ", ".join(other.shown for other in shared.get(output, []) if other != place)
+        others = ", ".join(other.name for other in shared.get(output, []) if other != place)
         text = f"{others} would have the same target: {output}" if others else place.error
         work.append(job_of(replace(place, error=text), output, staging))
     with opened_log(Path(log) if log else own) as found:
