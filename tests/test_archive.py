@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -199,6 +198,8 @@ class TestEncode:
 
     def test_a_full_disk_costs_that_file_alone(self, tmp_path: Path):
         """A limit on the size of files stands for the disk."""
+        import resource
+
         write_npz(tmp_path / "in" / "a.npz", 1, 20)
         write_npz(tmp_path / "in" / "b.npz", 2, 40_000)
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -238,10 +239,11 @@ def encode_jobs(source: Path, target: Path, **more: Any) -> list[jobs.Job]:
 
 
 def in_process(source: Path, target: Path) -> list[jobs.FileOutcome]:
-    with runs.Log(target / runs.FOLDER / runs.LOG) as log:
-        found = runs.run(encode_jobs(source, target), log=log, skip=runs.skip_written)
-        runs.empty_staging(target / runs.FOLDER / runs.STAGING)
-        return found
+    with (
+        runs.Log(target / runs.FOLDER / runs.LOG) as log,
+        runs.emptied(target / runs.FOLDER / runs.STAGING),
+    ):
+        return runs.run(encode_jobs(source, target), log=log, skip=runs.skip_written)
 
 
 class TestInterrupted:
@@ -328,6 +330,8 @@ class TestInterrupted:
         whole = list((tmp_path / "out").glob("*.hapf"))
         assert 0 < len(whole) < 60
         assert [path for path in whole if hapfmt.verify(path).exit_code] == []
+        if number == signal.SIGINT:
+            assert visible(tmp_path / "out") == {path.name for path in whole}
         found = report("encode", "in", "out", cwd=tmp_path)
         assert found["results"]["skipped"] >= len(whole)
         assert sum(found["results"].values()) == 60
@@ -692,7 +696,7 @@ class TestBag:
         data = deposit / "deposit" / "data"
         damage(data / "sub 0" / "plain.hapf")
         damage(data / "read me.txt")
-        (data / "sub 0" / "-dash.hapf").unlink()
+        (data / "sub 1" / "-dash.hapf").unlink()
         (data / "sub 1" / "new.hapf").write_bytes((data / "sub 1" / "日本.hapf").read_bytes())
         # A whole file, but another one.
         other = data / "sub 1" / "with space.hapf"
@@ -701,7 +705,7 @@ class TestBag:
         bad = {each["file"]: each["result"] for each in found["files"] if each["exit_code"]}
         expected = {
             "data/sub 0/plain.hapf": "damaged", "data/read me.txt": "damaged",
-            "data/sub 0/-dash.hapf": "missing", "data/sub 1/new.hapf": "unknown",
+            "data/sub 1/-dash.hapf": "missing", "data/sub 1/new.hapf": "unknown",
             "data/sub 1/with space.hapf": "damaged",
         }  # fmt: skip
         assert bad == expected
