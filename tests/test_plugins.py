@@ -52,7 +52,7 @@ class TestThePage:
     @pytest.fixture
     def glove(self, tmp_path: Path) -> Path:
         pytest.importorskip("setuptools", reason="builds the package")
-        toml, code, made = (b.body for b in blocks(PAGE) if b.kind in ("toml", "python"))
+        toml, code, made, *_ = (b.body for b in blocks(PAGE) if b.kind in ("toml", "python"))
         folder = tmp_path / "glove"
         folder.mkdir()
         (folder / "pyproject.toml").write_text(toml)
@@ -72,7 +72,7 @@ class TestThePage:
         os.chdir(before)
 
     def test_it_is_thirty_lines(self):
-        [code, _] = (b.body for b in blocks(PAGE) if b.kind == "python")
+        code, *_ = (b.body for b in blocks(PAGE) if b.kind == "python")
         written = [line for line in code.splitlines() if line and "import" not in line]
         assert len(written) <= 30
 
