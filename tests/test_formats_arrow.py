@@ -8,6 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pandas as pd
+import polars
 import pyarrow as pa
 import pyarrow.feather
 import pyarrow.parquet
@@ -179,6 +180,39 @@ class TestForeign:
         assert values(found[1]) == [-1.5, 0.0]
         assert found.metadata["source_units"] == {"thumb": "newtons"}
 
+    def test_metadata_of_the_file(self, kind, tmp_path):
+        table = pa.table({"x": [1.0, 2.0]})
+        data = written(table.replace_schema_metadata({"subject": "S1", "fs": "50"}), kind)
+        assert read(data).metadata == {"subject": "S1"} and read(data)[0].rate_exact == 50
+        frame = pd.DataFrame({"x": [1.0, 2.0]})
+        frame.attrs = {"subject": "S2", "trial": 4, "odd": NAN}
+        frame.to_parquet(tmp_path / "a")
+        data = written(pa.parquet.read_table(tmp_path / "a"), kind)
+        assert read(data, rate=9).metadata == {"subject": "S2", "trial": 4}
+
+    def test_polars(self, kind, tmp_path):
+        rng = np.random.default_rng(4)
+        x = rng.normal(size=4000)
+        frame = polars.DataFrame(
+            {
+                "time": np.arange(4000) * 0.5e-3,
+                "fx [N]": x,
+                "n": polars.Series([None, *range(3999)], dtype=polars.UInt8, strict=False),
+                "taxels": polars.Series(x.reshape(-1, 1) * [1, 2], dtype=polars.Array(float, 2)),
+                "phase": polars.Series(["a", "b"] * 2000, dtype=polars.Categorical),
+                "word": ["first"] * 2000 + [None] * 2000,
+            }
+        )
+        path = tmp_path / f"a.{kind}"
+        frame.write_parquet(path) if kind == "parquet" else frame.write_ipc(path)
+        found = read(path)
+        assert found.labels == ["fx", "n", "taxels.0", "taxels.1"]
+        assert found["fx"].stored.tobytes() == x.tobytes() and found["fx"].rate_exact == 2000
+        assert found["taxels.1"].stored.tobytes() == (x * 2).tobytes()
+        assert found["n"].coverage == (Span(1, 257),)
+        assert found["n"].counts.tolist() == list(range(256))
+        assert [e.text for e in found.events] == [*["a", "b"] * 2000, "first"]
+
     def test_units_among_the_attributes_of_a_frame(self, kind, tmp_path):
         recording = Recording((Channel(np.arange(9.0), 100, label="f", unit="N"),), epoch_ns=5)
         frame = recording.to_pandas()
@@ -309,6 +343,10 @@ class TestOurs:
         assert table.schema.field("fx").metadata[b"unit"] == b"N"
         assert table.schema.field("time").metadata == {b"unit": b"s"}
         assert table.schema.metadata[b"rate_hz"] == b"1000.0"
+        seen = polars.read_parquet(path) if kind == "parquet" else polars.read_ipc(path)
+        assert seen["fx"].drop_nulls().to_list() == physical.tolist()
+        assert seen["time"].to_list() == frame.index.tolist()
+        assert seen["time (2)"].drop_nulls().to_list() == [1, 2**63 - 1]
 
     @settings(max_examples=examples(60), deadline=None)
     @given(s.recordings().flatmap(s.clocked))
