@@ -109,6 +109,18 @@ def arrow_errors(what: str) -> Iterator[None]:
         raise ParameterError(f"{what}: {reason}") from error
 
 
+def checked_schema(schema: Any) -> Any:
+    """The schema, once all of its names have been decoded; pyarrow does that when they are used."""
+    todo = list(schema)
+    while todo:
+        field = todo.pop()
+        if not isinstance(field.name, str):
+            raise ParameterError("a column has no name")
+        type_ = _plain_type(field.type)
+        todo += [type_.field(place) for place in range(type_.num_fields)]
+    return schema
+
+
 class Container(Protocol):
     """A file of columns. ``batches`` reads columns by name; a batch holds at least these."""
 

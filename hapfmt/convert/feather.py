@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import LimitError, ParameterError
-from .arrowtables import arrow, arrow_errors, read_table, tables_of
+from .arrowtables import arrow, arrow_errors, checked_schema, read_table, tables_of
 from .formats import Destination, ReadOptions, Source, WriteOptions
 from .tables import Import
 
@@ -69,7 +69,7 @@ class FeatherTable:
 
         with arrow_errors("this is not an Arrow file"), self._open() as file:
             opened = ipc.open_file(file) if self._is_file else ipc.open_stream(file)
-            self.schema: Any = opened.schema
+            self.schema: Any = checked_schema(opened.schema)
 
     def _open(self) -> Any:
         import pyarrow as pa

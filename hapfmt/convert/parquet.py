@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import LimitError, ParameterError
-from .arrowtables import arrow, arrow_errors, read_table, tables_of
+from .arrowtables import arrow, arrow_errors, checked_schema, read_table, tables_of
 from .formats import Destination, ReadOptions, Source, WriteOptions
 from .tables import Import
 
@@ -52,7 +52,7 @@ class ParquetTable:
         check_footer(path)
         with arrow_errors("this is not a Parquet file"):
             self._metadata = parquet.read_metadata(str(path))
-            self.schema: Any = self._open().schema_arrow
+            self.schema: Any = checked_schema(self._open().schema_arrow)
             groups = self._metadata.num_row_groups
             sizes = [self._metadata.row_group(i).num_rows for i in range(groups)]
         if min(sizes, default=0) < 0 or sum(sizes) != self._metadata.num_rows:
