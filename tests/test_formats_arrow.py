@@ -1,5 +1,6 @@
 """Parquet and Feather: files of pandas and pyarrow are read exactly, and ours by them."""
 
+import contextlib
 import io
 import json
 import struct
@@ -16,11 +17,13 @@ import pytest
 import strategies as s
 from depth import examples
 from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 import hapfmt
 from hapfmt import Event
 from hapfmt.clocks import ClockMap, ClockObservation
 from hapfmt.convert import imported, read, save
+from hapfmt.convert.parquet_footer import column_chunks
 from hapfmt.errors import HapfmtError, LimitError, MissingExtraError, ParameterError
 from hapfmt.recording import Calibration, Channel, Recording, Span
 
@@ -516,6 +519,46 @@ def test_wrong_footers():
         arrow[at : at + 8] = struct.pack("<q", bad)
         with pytest.raises(ParameterError, match="declares"):
             read(bytes(arrow), rate=1)
+
+
+def test_statistics_that_contradict_the_schema():
+    """pyarrow ends the process where these numbers are asked for."""
+    data = written(pa.table({"x": [1.0, 2.0, 3.0]}), "parquet")
+    optional, required = b"\x25\x02\x18\x01x", b"\x25\x00\x18\x01x"
+    assert data.count(optional) == 1
+    with pytest.raises(ParameterError, match="Definition level histogram"):
+        read(data.replace(optional, required), rate=1)
+
+
+@pytest.mark.parametrize("size", [1, 5])
+def test_the_footer_is_read_as_pyarrow_reads_it(size):
+    lacking = pa.array([1, None, 3] * size, pa.int64())
+    table = pa.table(
+        {"x": lacking, "t": pa.array(["a"] * 3 * size), "n": [{"a": [1.5]}] * 3 * size}
+    )
+    data = written(table, "parquet", row_group_size=2, write_page_index=True)
+    length = int.from_bytes(data[-8:-4], "little")
+    found = column_chunks(data[-8 - length : -8])
+    about = pa.parquet.read_metadata(io.BytesIO(data))
+    assert len(found) == about.num_row_groups
+    for number, group in enumerate(found):
+        known = [about.row_group(number).column(i) for i in range(about.num_columns)]
+        assert group == [(c.total_uncompressed_size, c.statistics.null_count) for c in known]
+
+
+@given(st.binary(max_size=60))
+def test_any_footer_is_read_or_refused(data):
+    with contextlib.suppress(ParameterError):
+        column_chunks(data)
+
+
+def test_names_that_are_not_utf8():
+    for kind in FORMATS:
+        table = pa.table({"name_1": [1.0], "deep": [{"name_2": [1.0]}]})
+        for name in (b"name_1", b"name_2"):
+            data = written(table, kind).replace(name, name[:4] + b"\xff\xff")
+            with pytest.raises(ParameterError, match=r"not a.? \w+ file|cannot be read"):
+                read(data, format=kind, rate=1)
 
 
 def test_memory_is_bounded():
