@@ -31,7 +31,7 @@ class ColumnChunk(NamedTuple):
 
 
 def column_chunks(footer: bytes) -> list[list[ColumnChunk]]:
-    """Of each row group, in the order of the columns in the schema."""
+    """The columns of each row group, in the order of the schema."""
     with refusing("the footer of the Parquet file"):
         reader = _Compact(footer)
         found: list[list[ColumnChunk]] = []
