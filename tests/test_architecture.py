@@ -30,6 +30,7 @@ LAYERS = (
     "writing",
     "edit replay",
     "lab",
+    "archive",
     "cli",
     "__main__",
 )
@@ -108,6 +109,10 @@ HEAVY = {
     "rerun",
     "nptdms",
     "pyarrow",
+    "polars",
+    "distributed",
+    "bagit",
+    "rocrate",
 }
 
 

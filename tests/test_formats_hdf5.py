@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 import tracemalloc
 import zlib
 from collections.abc import Callable
@@ -22,7 +23,7 @@ from hypothesis import strategies as st
 
 import hapfmt
 from hapfmt.convert import imported, read, save
-from hapfmt.errors import HapfmtError, LimitError, ParameterError
+from hapfmt.errors import HapfmtError, LimitError, MissingExtraError, ParameterError
 from hapfmt.recording import Calibration, Channel, Event, Recording, Span
 
 h5py = pytest.importorskip("h5py")
@@ -506,6 +507,8 @@ class TestOurLayout:
         with h5py.File(tmp_path / "x.h5") as file:
             group = file["rate_1000Hz"]
             assert (group.attrs["rate"], group.attrs["start_tick"]) == ("1000", 5)
+            assert np.array_equal(group["time"], np.arange(5, 160) / 1000)
+            assert group["y"].dims[0][0] == group["time"] and group["time"].attrs["units"] == "s"
             x, y = group["force|x"], group["y"]
             assert x.shape == y.shape == (155,) and x.dtype == np.int16
             assert (x.compression, x.shuffle, x.attrs["units"]) == ("gzip", True, "N")
@@ -523,6 +526,15 @@ class TestOurLayout:
         for stream in streams:
             save(self.example(), stream, format="hdf5")
         assert streams[0].getvalue() == streams[1].getvalue()
+
+    def test_a_channel_called_time(self) -> None:
+        given = Recording((Channel(np.arange(9.0), 5, label="time"),))
+        assert there_and_back(given)["time"].samples().tolist() == list(range(9))
+
+    def test_many_channels(self) -> None:
+        """More than a dimension scale can list."""
+        given = Recording(tuple(Channel(np.zeros(1), 5, label=f"c{i}") for i in range(1001)))
+        assert there_and_back(given).labels == given.labels
 
     def test_select(self) -> None:
         back = there_and_back(self.example(), select=["y", "sl*"])
@@ -654,6 +666,24 @@ class TestHostile:
 
         assert "/bomb is not read: a chunk is longer than it declares" in self.noted(fill)
 
+    def test_a_stored_chunk_that_is_longer(self) -> None:
+        """lzf makes up to 88 bytes of one."""
+
+        def fill(file: Any) -> None:
+            one = file.create_dataset("bomb", (1000,), "f8", chunks=(1000,), compression="lzf")
+            one.id.write_direct_chunk((0,), bytes(1 << 20))
+
+        assert "/bomb is not read: a chunk is longer than it declares" in self.noted(fill)
+
+    def test_without_h5py(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        data = made(lambda file: put(file, "x", np.zeros(99), fs=10))
+        monkeypatch.setitem(sys.modules, "h5py", None)
+        for format in ("hdf5", "mat"):
+            with pytest.raises(MissingExtraError, match=r"hapfmt\[hdf5\]"):
+                read(data, format=format)
+        with pytest.raises(MissingExtraError, match=r"hapfmt\[hdf5\]"):
+            save(Recording((Channel(np.zeros(9), 5),)), io.BytesIO(), format="h5")
+
     def test_a_text_that_is_repeated(self) -> None:
         """4000 texts, each a million characters, would take 4 GB."""
 
@@ -663,6 +693,20 @@ class TestHostile:
 
         data = bytearray(made(lambda file: (put(file, "good", np.zeros(99), fs=10), fill(file))))
         assert "labels" not in read(bytes(data)).metadata["attributes"]["/"]
+
+    def test_all_texts_together(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Compressed texts, which take no space in the file."""
+        monkeypatch.setattr("hapfmt.convert.hdf5_files.ALL_TEXTS_SIZE", 30_000)
+
+        def fill(file: Any) -> None:
+            put(file, "good", np.zeros(99), fs=10)
+            for number in range(9):
+                packed = {"compression": "gzip", "chunks": True}
+                file.create_dataset(f"t{number}", data=np.array([b"x" * 9999] * 2), **packed)
+
+        about = read_made(fill).metadata
+        assert [*about["attributes"]["/"]] == ["t0", "t1"]
+        assert "the texts of /t2 are not read: they are too many" in about["notes"][0]
 
     def test_filters(self) -> None:
         hdf5plugin = pytest.importorskip("hdf5plugin")
@@ -682,6 +726,7 @@ class TestHostile:
 
     def test_deep_and_many(self) -> None:
         refused(lambda file: file.create_group("/".join("a" * 40)), "more than 32 deep")
+        refused(lambda file: file.create_group("a" * 600), "a name has 600 characters")
         refused(
             lambda file: put(file, "x", np.zeros((2, 40_000)), fs=1), "more than", transpose=True
         )

@@ -18,8 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spec import ROOT
 
-from hapfmt.convert import hjif as hjif_module
-from hapfmt.convert import read
+from hapfmt.convert import patterns, read
 from hapfmt.errors import LimitError, ParameterError
 from hapfmt.recording import Calibration, Channel, Event, Recording, Span
 
@@ -282,9 +281,68 @@ class TestThereAndBack:
         with pytest.raises(ParameterError, match=r"'fx' holds infinities or NaN; use .npz"):
             written(Recording((Channel(np.array([np.inf]), 10, label="fx"),)), "hjif")
         noise = np.random.default_rng(1).normal(size=300)
-        monkeypatch.setattr(hjif_module, "_FRAMES_LIMIT", 200)
+        monkeypatch.setattr(patterns, "FRAMES_LIMIT", 200)
         with pytest.raises(LimitError, match="need more than 200 keyframes"):
             written(Recording((Channel(noise, 1000, label="fx"),)), "hjif")
+
+
+def played(data: bytes, name: str, time: float) -> float | None:
+    """The value of a parameter curve, as Apple describes it: lines between the control points."""
+    for entry in json.loads(data)["Pattern"]:
+        curve = entry.get("ParameterCurve", {})
+        if curve.get("ParameterID") == name:
+            assert set(curve) == {"ParameterID", "Time", "ParameterCurveControlPoints"}
+            points = [(curve["Time"] + p["Time"], p["ParameterValue"])
+                      for p in curve["ParameterCurveControlPoints"]]  # fmt: skip
+            assert 0 < len(points) <= 16
+            if points[0][0] - 1e-9 <= time <= points[-1][0] + 1e-9:
+                return float(np.interp(time, *zip(*points, strict=True)))
+    return None
+
+
+class TestAhapThereAndBack:
+    def test_a_pattern(self) -> None:
+        given = read(json.dumps(PATTERN).encode(), format="ahap")
+        out, told = written(given, "ahap")
+        back = read(out, format="ahap")
+        assert back.events == given.events
+        assert [c.label for c in back] == [c.label for c in given]
+        assert [c.coverage for c in back] == [c.coverage for c in given]
+        assert np.abs(back[0].samples() - given[0].samples()).max() <= 1e-7
+        assert "not carried over to .ahap: metadata 'ahap'" in told
+
+    @given(st.lists(st.integers(0, 1000), min_size=1, max_size=80), st.sampled_from([100, 1000]))
+    def test_curves(self, x: list[int], rate: int) -> None:
+        size = len(x)
+        coverage = (Span(5, 5 + size), Span(size + 9, size * 2 + 9))
+        given = Channel(np.array(x * 2, np.int32), rate, coverage, Calibration(1, 0, 1000),
+                        label="HapticIntensityControl")  # fmt: skip
+        out, told = written(Recording((given,)), "ahap")
+        assert "the pattern has no HapticContinuous event, so a device plays nothing" in told
+        ticks = [*range(5, 5 + size), *range(size + 9, size * 2 + 9)]
+        for tick, value in zip(ticks, given.samples().tolist(), strict=True):
+            found = played(out, given.label, tick / rate)
+            assert found is not None and abs(found - value) <= 0.00101
+        back = read(out, format="ahap", rate=rate)
+        assert back[0].coverage == given.coverage
+        assert np.abs(back[0].samples() - given.samples()).max() <= 0.00101
+
+    def test_refused(self) -> None:
+        with pytest.raises(ParameterError, match="channel 'fx' is not called after a parameter"):
+            written(Recording((Channel(np.zeros(3), 100, label="fx"),)), "ahap")
+        high = Channel(np.array([0, 1.5]), 100, label="HapticIntensityControl")
+        with pytest.raises(ParameterError, match=r"holds values from 0 to 1.5, not from 0 to 1"):
+            written(Recording((high,)), "ahap")
+
+    def test_other_events(self) -> None:
+        events = (
+            Event(Fraction(0), "slip"),
+            Event(Fraction(1), "[1]", layer="HapticTransient"),
+            Event(Fraction(2), "x", layer="HapticSharpnessControl"),
+        )
+        out, told = written(Recording((), events=events), "ahap")
+        assert json.loads(out)["Pattern"] == []
+        assert "3 events that are not of Apple's kinds are not carried over" in told
 
 
 BAD = {
@@ -329,7 +387,7 @@ class TestHostile:
     def test_references_that_multiply(self, monkeypatch: pytest.MonkeyPatch) -> None:
         library = [{**basis(0, *[frame(i, 1.0) for i in range(30)]), "id": 1}]
         effects = [{"effect_type": "Reference", "id": 1, "position": i} for i in range(30)]
-        monkeypatch.setattr(hjif_module, "_FRAMES_LIMIT", 800)
+        monkeypatch.setattr(patterns, "FRAMES_LIMIT", 800)
         with pytest.raises(LimitError, match="more than 800 effects and keyframes"):
             read(hjif(band("Curve", *effects), library=library), format="hjif")
 
@@ -345,73 +403,74 @@ class TestHostile:
             survives(each, "ahap")
 
 
-def table(section: str) -> dict[str, str]:
+def table(section: str) -> dict[str, dict[str, str]]:
     part = PAGE.read_text("utf-8").split(f"## {section}")[1].split("\n## ")[0]
-    rows = re.findall(r"^\| (.*?) \| (.*?) \|$", part, re.M)
-    return dict(rows)
+    rows = re.findall(r"^\| (.+?) \| (.+?) \| (.+?) \|$", part, re.M)
+    return {name: {"hjif": first, "ahap": second} for name, first, second in rows}
 
 
-def back_of(**described: Any) -> tuple[Recording, Recording, str]:
+def back_of(format: str, **described: Any) -> tuple[Recording, Recording, str]:
     """A recording of one channel, what comes back of it, and the notes."""
     known = {
-        "stored": np.arange(-50, 50, dtype=np.int16), "rate": 1000, "label": "fx",
-        "calibration": Calibration(1, 0, 100), **described,
+        "stored": np.arange(100, dtype=np.int16), "rate": 1000, "calibration": Calibration(1, 0, 100),
+        "label": "fx" if format == "hjif" else "HapticIntensityControl", **described,
     }  # fmt: skip
     own = {key: known.pop(key) for key in ("events", "epoch_ns") if key in known}
     given = Recording((Channel(known.pop("stored"), **known),), **own)
-    out, told = written(given, "hjif")
-    return given, read(out, format="hjif"), " ".join(told)
+    out, told = written(given, format)
+    return given, read(out, format=format), " ".join(told)
 
 
-def rounded(**described: Any) -> str:
-    given, back, told = back_of(**described)
+def rounded(format: str, **described: Any) -> str:
+    given, back, told = back_of(format, **described)
     assert "rounded" in told
     assert np.abs(given[0].samples() - back[0].samples()).max() <= 0.0101
     return "rounded"
 
 
-def same(member: str, **described: Any) -> str:
-    given, back, told = back_of(**described)
+def same(format: str, member: str, **described: Any) -> str:
+    try:
+        given, back, told = back_of(format, **described)
+    except ParameterError as error:
+        assert "use ." in str(error)
+        return "refused"
     if getattr(given[0], member) == getattr(back[0], member):
         return "exact"
-    assert f"not carried over to .hjif: {member}" in told
+    assert "is not kept" in told or f"not carried over to .{format}: {member}" in told
     return "no"
 
 
-def carried(member: str, value: Any) -> str:
-    given, back, told = back_of(**{member: value})
+def carried(format: str, member: str, value: Any) -> str:
+    given, back, told = back_of(format, **{member: value})
     if getattr(given, member) == getattr(back, member):
         return "exact"
-    assert f"not carried over to .hjif: {member}" in told
+    assert "not carried over" in told and member.rstrip("s") in told
     return "no"
-
-
-def refused(**described: Any) -> str:
-    with pytest.raises(ParameterError, match=r"use \.npz"):
-        back_of(**described)
-    return "refused"
 
 
 GAP = (Span(0, 50), Span(70, 120))
-WRITTEN: dict[str, Callable[[], str]] = {
+APPLE = (Event(Fraction(1, 50), '{"HapticIntensity": 0.5}', layer="HapticTransient"),)
+WRITTEN: dict[str, Callable[[str], str]] = {
     "integers": rounded,
-    "floating point": lambda: rounded(stored=np.sin(np.arange(100.0)), calibration=None),
-    "a rate of 1000 Hz": lambda: same("rate_exact"),
-    "a rate of 44100/7 Hz": lambda: same("rate_exact", rate=Fraction(44_100, 7)),
-    "a rate of 1/3 Hz": lambda: refused(rate=Fraction(1, 3)),
-    "gaps": lambda: same("coverage", coverage=GAP),
-    "labels": lambda: same("label", label="thumb, force [x]"),
-    "units": lambda: same("unit", unit="m/s2"),
-    "groups": lambda: same("group", group="hand"),
-    "events": lambda: carried("events", (Event(Fraction(1, 50), "slip"),)),
-    "the start time": lambda: carried("epoch_ns", 10**18),
+    "floating point": lambda f: rounded(f, stored=np.arange(100) / 100, calibration=None),
+    "a rate of 1000 Hz": lambda f: same(f, "rate_exact"),
+    "a rate of 44100/7 Hz": lambda f: same(f, "rate_exact", rate=Fraction(44_100, 7)),
+    "a rate of 1/3 Hz": lambda f: same(f, "rate_exact", rate=Fraction(1, 3)),
+    "gaps": lambda f: same(f, "coverage", coverage=GAP),
+    "labels": lambda f: same(f, "label", label="thumb, force [x]"),
+    "units": lambda f: same(f, "unit", unit="m/s2"),
+    "groups": lambda f: same(f, "group", group="hand"),
+    "events": lambda f: carried(f, "events", (Event(Fraction(1, 50), "slip"),)),
+    "events of Apple's kinds": lambda f: carried(f, "events", APPLE),
+    "the start time": lambda f: carried(f, "epoch_ns", 10**18),
 }
 
 
 class TestPage:
+    @pytest.mark.parametrize("format", ["hjif", "ahap"])
     @pytest.mark.parametrize("row", WRITTEN)
-    def test_cells(self, row: str) -> None:
-        assert WRITTEN[row]() == table("What comes back")[row]
+    def test_cells(self, row: str, format: str) -> None:
+        assert WRITTEN[row](format) == table("What comes back")[row][format]
 
     def test_the_table_has_no_other_row(self) -> None:
         assert [*table("What comes back")] == [*WRITTEN]

@@ -134,7 +134,9 @@ def test_the_page_lists_every_program():
     [
         (["scenes.py", "--keys"], "| `travel_s` |"),
         (["load.py", "--seconds", "1", "--channels", "2"], "lossless"),
+        (["messages.py", "--quick"], "| wrench and joints, 27 channels |"),
         (["throughput.py", "--quick"], "exact values, recall, readable"),
+        pytest.param(["lazy.py", "--seconds", "20"], "by URL", marks=pytest.mark.deep),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )
@@ -142,6 +144,9 @@ def test_runs(words, printed):
     """Each program that has an option for a few seconds of work."""
     if words[0] == "throughput.py":
         pytest.importorskip("soundfile")
+    if words[0] == "lazy.py":
+        pytest.importorskip("xarray")
+        pytest.importorskip("aiohttp")
     done = run(str(ROOT / "tools" / words[0]), *words[1:], cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert printed in done.stdout

@@ -91,7 +91,8 @@ class ChannelArray(BackendArray):
 def version_of(reader: Reader) -> tuple[Any, ...]:
     """What differs where a path leads to another file."""
     source, head = reader.source, reader.catalogue.head
-    return source.size, reader.catalogue.file_id, head.uuid if head else None
+    version = getattr(source, "version", None)
+    return source.size, version, reader.catalogue.file_id, head.uuid if head else None
 
 
 def unchanged(reader: Reader, version: Any) -> Reader:

@@ -106,7 +106,7 @@ def _common_ends(catalogue: Catalogue, pairs: Sequence[TrackPair]) -> dict[int, 
 
 
 def chunks_of(catalogue: Catalogue, rate: Fraction, first: int, last: int) -> tuple[int, ...]:
-    """Sizes of chunks for Dask, which begin where clusters do, as nearly as the index tells."""
+    """Sizes of chunks for Dask. They begin where clusters do, to the millisecond of the index."""
     sizes = []
     start = before = first
     for ref in catalogue.data:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
-from ..errors import DAMAGED, UNSUPPORTED, LimitError, ParameterError, channels_called
+from ..errors import DAMAGED, UNSUPPORTED, ParameterError, channels_called
 from ..files import refuse
 from ..format.wire import FILE_ID_LIMIT
 from ..limits import Limits
@@ -30,7 +30,6 @@ from ..units import units_for
 from .screen import JOINED, closed, complain, note, raw, say, terminal_text, width_of
 
 if TYPE_CHECKING:
-    from ..convert.formats import ReadOptions
     from ..convert.tables import Import
     from ..edit import Edited, Original
     from ..encoder.settings import Tolerance
@@ -468,6 +467,7 @@ def opened_input(
     block. ``whole`` names what needs all of it in memory, if anything does."""
     from ..convert import opened
     from ..convert.tables import Import
+    from ..writing.importing import read_if_small
 
     if suffix_of(name, format_) == HAPF:
         yield load_recording(name, format_, limits, labels=labels, unit=unit, **given)
@@ -489,24 +489,6 @@ def opened_input(
                 yield relabelled(kept, labels, unit), 0
             else:
                 yield described(kept, labels, unit), 0
-
-
-def read_if_small(
-    found: Recording | Import, options: ReadOptions, limits: Limits, whole: str
-) -> Recording | Import:
-    from ..convert.tables import Import
-    from ..writing.importing import STREAMED
-
-    if not isinstance(found, Import):
-        return found
-    if not whole and found.size > min(STREAMED, limits.memory or STREAMED):
-        return found
-    try:
-        return found.recording(options.max_memory, options.progress)
-    except LimitError as error:
-        if not whole:
-            raise
-        raise LimitError(f"{whole} needs the whole recording, and {error.message}") from None
 
 
 def asked_of(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -477,6 +477,7 @@ AHAP = Format(
     title="AHAP",
     suffixes=(".ahap",),
     module="hapfmt.convert.ahap",
+    writes=True,
     options=frozenset({"select"}),
 )
 EDF = Format(

@@ -5,6 +5,8 @@
                             ``epoch_uncertainty_ns``
 ``/rate_1000Hz``            attributes ``rate`` (text "num/den", exact), ``rate_hz``,
                             ``start_tick``: row i is at (start_tick + i) / rate seconds
+``/rate_1000Hz/time``       [rows] the same times in seconds, rounded: the dimension scale of the
+                            channels, for other programs
 ``/rate_1000Hz/fx``         [rows] values; NaN is a gap. Integers are counts with the attribute
                             ``calibration`` [a, b, d]: value = (count * a + b) / d, also as
                             ``scale_factor`` and ``add_offset``. Attributes ``label``, ``units``
@@ -66,10 +68,14 @@ from .stored import (
     reference_of,
     seconds_of,
     spans_of,
+    times_of,
 )
 from .tables import Import
 
 FORMAT = "hapfmt recording"
+TIME = "time"
+MOST_SCALED = 1000
+"""Channels that name their dimension scale; it lists them in an attribute, of at most 64 KiB."""
 MOST_SPANS = 1 << 22
 MOST_ROWS = 1 << 20
 """Rows of the columns of events and clocks."""
@@ -129,14 +135,42 @@ def _write(
         group.attrs["rate"] = str(rate)
         group.attrs["rate_hz"] = float(rate)
         group.attrs["start_tick"] = np.int64(first)
-        members = unique([_member(channel.label, place) for channel, place in
-                          zip(channels, places, strict=True)], [])  # fmt: skip
+        time = _write_times(group, rate, first, last)
+        own = [_member(c.label, place) for c, place in zip(channels, places, strict=True)]
+        members = unique([TIME, *own], [])[1:]
         for member, place, channel in zip(members, places, channels, strict=True):
             for rows in _write_channel(file, group, member, place, channel, first, last):
                 done += rows
                 if options.progress:
                     options.progress(done, total)
+            if len(channels) <= MOST_SCALED:
+                group[member].dims[0].attach_scale(time)
     _write_rest(file, recording)
+
+
+def _write_times(group: Any, rate: Fraction, first: int, last: int) -> Any:
+    """The times of the rows, as a dimension scale. Compressed they take .1 bytes a row."""
+    data = _rows(group, TIME, last - first, np.dtype(np.float64))
+    for start in range(first, last, 16 * CHUNK_ROWS):
+        stop = min(start + 16 * CHUNK_ROWS, last)
+        data[start - first : stop - first] = times_of(rate, start, stop)
+    data.attrs["units"] = "s"
+    data.make_scale(TIME)
+    return data
+
+
+def _rows(group: Any, name: str, rows: int, dtype: np.dtype[Any]) -> Any:
+    return group.create_dataset(
+        name,
+        shape=(rows,),
+        dtype=dtype,
+        chunks=(max(min(CHUNK_ROWS, rows), 1),),
+        maxshape=(None,),
+        compression="gzip",
+        shuffle=True,
+        fillvalue=np.nan if dtype.kind == "f" else 0,
+        track_times=False,
+    )
 
 
 def _member(label: str, place: int) -> str:
@@ -149,18 +183,7 @@ def _write_channel(
     file: Any, group: Any, member: str, place: int, channel: Channel, first: int, last: int
 ) -> Iterator[int]:
     x: NDArray[Any] = channel.stored if channel.exact is None else channel.exact
-    is_float = x.dtype.kind == "f"
-    data = group.create_dataset(
-        member,
-        shape=(last - first,),
-        dtype=x.dtype,
-        chunks=(max(min(CHUNK_ROWS, last - first), 1),),
-        maxshape=(None,),
-        compression="gzip",
-        shuffle=True,
-        fillvalue=np.nan if is_float else 0,
-        track_times=False,
-    )
+    data = _rows(group, member, last - first, x.dtype)
     at = 0
     for span in channel.coverage:
         for start in range(span.start, span.stop, 16 * CHUNK_ROWS):
@@ -300,6 +323,8 @@ def _stored(
     rate = rate_from(str(about["rate"])) if options.rate is None else options.rate
     start = integer_of(about, "start_tick", 0, TICK_LIMIT)
     for member in group:
+        if member == TIME:
+            continue
         walk.count()
         data = _held(group, member, h5py.Dataset)
         shown = data.name

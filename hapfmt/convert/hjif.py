@@ -13,34 +13,42 @@ from math import frexp, lcm
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import LimitError, ParameterError
 from ..recording import Channel, Event, Recording
 from ..units import split_name, to_ucum
-from .common import exact_doubles, not_carried
+from . import patterns
+from .common import not_carried
 from .formats import Destination, ReadOptions, Source, WriteOptions
-from .patterns import Curve, Piece, import_of, keyframes, number, objects, ordered, parsed, text
-from .patterns import whole as whole_number
+from .patterns import (
+    Curve,
+    Piece,
+    check_frames,
+    import_of,
+    keyframes,
+    number,
+    objects,
+    ordered,
+    parsed,
+    rounding,
+    text,
+    whole,
+)
 from .tables import Import
 
 _TIMESCALE, _TIMESCALE_LIMIT = 1000, 48_000
 _POSITION_LIMIT = (1 << 31) - 1
-_FRAMES_LIMIT = 1 << 18
-"""Effects and keyframes; those of references count each time."""
-_FLOAT32 = 2.0**-24
-"""Relative, what readers with 32 bits round."""
 
 
 def read(source: Source, options: ReadOptions) -> Import:
     found = parsed(source, options, "HJIF")
     if "perceptions" not in found:
         raise ParameterError("this is not an HJIF file: perceptions are missing")
-    scale = whole_number(found.get("timescale", _TIMESCALE), "the timescale", 1, 1 << 31)
+    scale = whole(found.get("timescale", _TIMESCALE), "the timescale", 1, 1 << 31)
     notes: list[str] = []
     curves: list[Curve] = []
     events: list[Event] = []
-    budget = [_FRAMES_LIMIT]
+    budget = [patterns.FRAMES_LIMIT]  # effects and keyframes; those of references each time
     for perception in objects(found["perceptions"], "perceptions"):
         group = text(perception.get("description", ""), "the description of a perception")
         library = {
@@ -104,9 +112,7 @@ def _effects(
     found = []
     for given in objects(band.get("effects", []), "effects"):
         kind = given.get("effect_type", "Basis")
-        position = whole_number(
-            given.get("position", 0), "the position of an effect", 0, _POSITION_LIMIT
-        )
+        position = whole(given.get("position", 0), "the position of an effect", 0, _POSITION_LIMIT)
         if kind == "Reference":
             known = library.get(given.get("id")) if isinstance(given.get("id"), int) else None
             if known is None or known.get("effect_type", "Basis") != "Basis":
@@ -121,7 +127,7 @@ def _effects(
         frames = objects(known.get("keyframes", []), "keyframes")
         budget[0] -= 1 + len(frames)
         if budget[0] < 0:
-            raise LimitError(f"more than {_FRAMES_LIMIT} effects and keyframes")
+            raise LimitError(f"more than {patterns.FRAMES_LIMIT} effects and keyframes")
         if band.get("band_type") == "VectorialWave" and (
             known.get("base_signal", "Sine") != "Sine" or known.get("phase", 0)
         ):
@@ -129,9 +135,7 @@ def _effects(
         for frame in frames:
             if "relative_position" not in frame:
                 continue
-            at = whole_number(
-                frame["relative_position"], "the position of a keyframe", 0, _POSITION_LIMIT
-            )
+            at = whole(frame["relative_position"], "the position of a keyframe", 0, _POSITION_LIMIT)
             effect.times.append(Fraction(position + at, scale))
             level, pitch = frame.get("amplitude_modulation"), frame.get("frequency_modulation")
             effect.amplitudes.append(
@@ -191,15 +195,11 @@ def write(recording: Recording, target: Destination, options: WriteOptions) -> l
     scale = _timescale(recording)
     notes: list[str] = []
     channels = []
-    left = _FRAMES_LIMIT
+    count = 0
     for place, channel in enumerate(recording.channels):
         channels.append(_channel(place, channel, scale, notes))
-        left -= sum(1 + len(e["keyframes"]) for e in channels[-1]["bands"][0]["effects"])
-        if left < 0:
-            raise LimitError(
-                f".hjif is for slow curves, and the channels up to {channel.label!r} need more "
-                f"than {_FRAMES_LIMIT} keyframes; write the slow band (--band lf), or use .npz"
-            )
+        count += sum(1 + len(e["keyframes"]) for e in channels[-1]["bands"][0]["effects"])
+        check_frames(count, channel, ".hjif")
         if options.progress:
             options.progress(place + 1, len(recording.channels))
     found = {
@@ -228,27 +228,15 @@ def _timescale(recording: Recording) -> int:
 
 
 def _channel(place: int, channel: Channel, scale: int, notes: list[str]) -> dict[str, Any]:
-    values = _physical(channel)
-    if not np.isfinite(values).all():
-        raise ParameterError(f"channel {channel.label!r} holds infinities or NaN; use .npz")
+    values, tolerance = rounding(channel, notes)
     peak = float(np.abs(values).max(initial=0.0))
     gain = 2.0 ** frexp(peak)[1] if 1e-300 < peak < 1e300 else 1.0
-    step_size = abs(float(channel.calibration.step)) if channel.calibration is not None else 0.0
-    tolerance = max(step_size, peak * _FLOAT32)
-    shown = "" if channel.unit == "1" else f" {channel.unit}"
-    named = f" [{channel.unit}]" if shown or split_name(channel.label)[1] else ""
-    if tolerance:
-        notes.append(
-            f"the values of channel {channel.label!r} are rounded to straight lines, at most "
-            f"{tolerance * 1.01:.3g}{shown} off"
-        )
+    named = f" [{channel.unit}]" if channel.unit != "1" or split_name(channel.label)[1] else ""
     step = scale // int(channel.rate_exact)
     effects, at = [], 0
     for span in channel.coverage:
         if span.stop * step > _POSITION_LIMIT:
-            raise ParameterError(f"channel {channel.label!r} is too long for .hjif; use .npz")
-        if span.start < 0:
-            raise ParameterError(f"channel {channel.label!r} begins before 0; use .npz")
+            raise ParameterError(f"channel {channel.label!r} leaves the times of .hjif; use .npz")
         x = values[at : at + span.ticks]
         at += span.ticks
         frames = [
@@ -267,11 +255,3 @@ def _channel(place: int, channel: Channel, scale: int, notes: list[str]) -> dict
             "upper_frequency_limit": min(int(channel.rate_exact) // 2, 1000), "effects": effects,
         }],
     }  # fmt: skip
-
-
-def _physical(channel: Channel) -> NDArray[np.float64]:
-    if channel.exact is not None:
-        return channel.exact
-    if channel.calibration is not None:
-        return channel.calibration.physical(channel.stored)
-    return exact_doubles(channel.stored, f"channel {channel.label!r}")

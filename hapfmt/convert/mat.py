@@ -18,7 +18,7 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 def read(source: Source, options: ReadOptions) -> Import:
     """The tables of a file; their values are read later."""
-    version = _version(source.head)
+    version = version_of(source.head)
     if version == 5:
         tree = tree_of_mat5(source, options.max_memory)
         if options.map is None and is_ours(tree):
@@ -30,7 +30,8 @@ def read(source: Source, options: ReadOptions) -> Import:
     return mapped(tree, options) if options.map is not None else import_of_tree(tree, options)
 
 
-def _version(head: bytes) -> float:
+def version_of(head: bytes) -> float:
+    """5 or 7.3."""
     if head.startswith(_HDF5):
         return 7.3
     kind = {b"IM": "little", b"MI": "big"}.get(head[126:128])

@@ -62,6 +62,7 @@ from .stored import (
     reference_of,
     seconds_of,
     spans_of,
+    times_of,
 )
 from .tables import Import
 
@@ -168,7 +169,7 @@ def _variables(
         rates.append({"name": name, "rate": str(rate), "start_tick": first, "rows": last - first})
         about: dict[str, dict[str, Any]] = {"units": {}, "scale": {}, "offset": {}}
         values: dict[str, Any] = {
-            "time": np.arange(first, last) * float(rate.denominator) / float(rate.numerator),
+            "time": times_of(rate, first, last),
             "fs": float(rate),
         }
         for place, field, channel in zip(places, fields, channels, strict=True):

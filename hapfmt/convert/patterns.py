@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from ..errors import LimitError, ParameterError
 from ..limits import TICK_LIMIT
 from ..numbers import exact
-from ..recording import Event, spans_at
-from .common import read_bytes, refusing, selected
+from ..recording import Channel, Event, spans_at
+from .common import exact_doubles, read_bytes, refusing, selected
 from .formats import ReadOptions, Source
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
 
@@ -30,6 +30,10 @@ _AMPLIFIED = 64
 """Bytes in memory of one byte of JSON, at most about."""
 _ROWS = 1 << 16
 _LONGEST_S = 10**7
+FRAMES_LIMIT = 1 << 18
+"""Keyframes of a file."""
+_FLOAT32 = 2.0**-24
+"""Relative, what readers with 32 bits round."""
 
 
 @dataclass
@@ -197,3 +201,33 @@ def keyframes(x: NDArray[np.float64], tolerance: float) -> list[int]:
         low = max(low, slope - tolerance / far)
         high = min(high, slope + tolerance / far)
     return [*kept, len(values) - 1]
+
+
+def rounding(channel: Channel, notes: list[str]) -> tuple[NDArray[np.float64], float]:
+    """Its physical values, and how far straight lines may lie from them, which is noted."""
+    if channel.exact is not None:
+        values = channel.exact
+    elif channel.calibration is not None:
+        values = channel.calibration.physical(channel.stored)
+    else:
+        values = exact_doubles(channel.stored, f"channel {channel.label!r}")
+    if not np.isfinite(values).all():
+        raise ParameterError(f"channel {channel.label!r} holds infinities or NaN; use .npz")
+    step = abs(float(channel.calibration.step)) if channel.calibration is not None else 0.0
+    tolerance = max(step, float(np.abs(values).max(initial=0.0)) * _FLOAT32)
+    if tolerance:
+        unit = "" if channel.unit == "1" else f" {channel.unit}"
+        notes.append(
+            f"the values of channel {channel.label!r} are rounded to straight lines, at most "
+            f"{tolerance * 1.01:.3g}{unit} off"
+        )
+    return values, tolerance
+
+
+def check_frames(count: int, channel: Channel, suffix: str) -> None:
+    """LimitError where a file would hold more keyframes than effects have."""
+    if count > FRAMES_LIMIT:
+        raise LimitError(
+            f"{suffix} is for slow curves, and the channels up to {channel.label!r} need more "
+            f"than {FRAMES_LIMIT} keyframes; write the slow band (--band lf), or use .npz"
+        )

@@ -151,6 +151,12 @@ def check_gaps(
         )
 
 
+def times_of(rate: Fraction, first: int, last: int) -> NDArray[np.float64]:
+    """Seconds of ticks, rounded."""
+    ticks = np.arange(first, last, dtype=np.float64)
+    return ticks * float(rate.denominator) / float(rate.numerator)
+
+
 def spans_of(channel: Channel, first: int, last: int) -> Spans | None:
     """Rows that are measured, where the values themselves do not say it: NaN does."""
     x = channel.stored if channel.exact is None else channel.exact
