@@ -694,6 +694,20 @@ class TestHostile:
         data = bytearray(made(lambda file: (put(file, "good", np.zeros(99), fs=10), fill(file))))
         assert "labels" not in read(bytes(data)).metadata["attributes"]["/"]
 
+    def test_all_texts_together(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Compressed texts, which take no space in the file."""
+        monkeypatch.setattr("hapfmt.convert.hdf5_files.ALL_TEXTS_SIZE", 30_000)
+
+        def fill(file: Any) -> None:
+            put(file, "good", np.zeros(99), fs=10)
+            for number in range(9):
+                packed = {"compression": "gzip", "chunks": True}
+                file.create_dataset(f"t{number}", data=np.array([b"x" * 9999] * 2), **packed)
+
+        about = read_made(fill).metadata
+        assert [*about["attributes"]["/"]] == ["t0", "t1"]
+        assert "the texts of /t2 are not read: they are too many" in about["notes"][0]
+
     def test_filters(self) -> None:
         hdf5plugin = pytest.importorskip("hdf5plugin")
 
@@ -712,6 +726,7 @@ class TestHostile:
 
     def test_deep_and_many(self) -> None:
         refused(lambda file: file.create_group("/".join("a" * 40)), "more than 32 deep")
+        refused(lambda file: file.create_group("a" * 600), "a name has 600 characters")
         refused(
             lambda file: put(file, "x", np.zeros((2, 40_000)), fs=1), "more than", transpose=True
         )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..errors import HapfmtError, LimitError, MissingExtraError, ParameterError
 from ..numbers import counted
 from .formats import Source
-from .layouts import Path, SourceArray, SourceTree
+from .layouts import LONGEST_NAME, Path, SourceArray, SourceTree
 
 MOST_OBJECTS = 20_000
 """Groups and data sets of a file."""
@@ -26,6 +26,9 @@ DEEPEST = 32
 MOST_TEXTS = 4096
 """Entries of an attribute or a data set of texts."""
 TEXTS_SIZE = 64 << 20
+"""Bytes of the texts that are read at once."""
+ALL_TEXTS_SIZE = 256 << 20
+"""Characters of all texts, but for those of our own layout."""
 LONGEST_TEXT = 1 << 20
 """Bytes of a text that is kept, but for those of our own layout."""
 CHUNK_SIZE = 256 << 20
@@ -96,9 +99,17 @@ class Texts:
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
         self._longest: int | None = None
+        self._left = ALL_TEXTS_SIZE
 
-    def fit(self, count: int) -> bool:
-        return count <= MOST_TEXTS and count * self.longest <= TEXTS_SIZE
+    def fit(self, count: int, size: int | None = None) -> bool:
+        """Whether texts may be read. ``size``: bytes of each, if that is known."""
+        most = self.longest if size is None else size
+        return self._left > 0 and count <= MOST_TEXTS and count * most <= TEXTS_SIZE
+
+    def took(self, value: Any) -> Any:
+        """Count what was read: a text may be in memory often, and in the file once."""
+        self._left -= sum(map(len, value)) if isinstance(value, list) else len(value)
+        return value
 
     @property
     def longest(self) -> int:
@@ -148,7 +159,7 @@ class Walk:
         self._count = 0
 
     def note(self, text: str) -> None:
-        self.tree.notes.append(text)
+        self.tree.note(text)
 
     def group(self, group: Any, path: Path, depth: int) -> None:
         h5py = h5py_of()
@@ -160,6 +171,10 @@ class Walk:
         for name in group:
             self.count()
             inner = (*path, _name(name))
+            if len(inner[-1]) > LONGEST_NAME:
+                raise LimitError(
+                    f"a name has {len(inner[-1])} characters, more than {LONGEST_NAME}"
+                )
             shown = "/" + "/".join(inner)
             link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
@@ -258,11 +273,11 @@ class Walk:
             return None
         shown = "/" + "/".join(path)
         count = prod(shape)
-        fits = self.texts.fit(count) if is_vlen else count * dtype.itemsize <= TEXTS_SIZE
-        if count > MOST_TEXTS or not fits or not self.is_readable(item, shown):
+        fits = self.texts.fit(count, None if is_vlen else dtype.itemsize)
+        if not fits or not self.is_readable(item, shown):
             self.note(f"the texts of {shown} are not read: they are too many or too long")
             return ""
-        return texts_of(item[()])
+        return self.texts.took(texts_of(item[()]))
 
     def is_readable(self, item: Any, shown: str) -> bool:
         """Whether reading takes no more memory than the data set declares; a note where not."""
@@ -290,6 +305,8 @@ class Walk:
                 elif dtype.kind not in "biufS" or dtype.itemsize > LONGEST_TEXT:
                     continue
                 value = plain_of(item.attrs[name])
+                if dtype.kind == "O":
+                    self.texts.took(value)
             except (OSError, TypeError, ValueError, KeyError, RuntimeError, UnicodeError):
                 self.note(f"attribute {name!r} of /{'/'.join(path)} cannot be read")
                 continue

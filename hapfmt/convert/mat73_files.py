@@ -98,14 +98,15 @@ def _follow(item: Any, walk: Walk, before: Path, after: Path) -> int:
 def _text(item: Any, path: Path, tree: SourceTree, walk: Walk) -> None:
     """A text, or one for each row of a matrix of characters."""
     size = prod(item.shape)
-    if size > LONGEST_TEXT or item.ndim != 2 or item.shape[1] > MOST_TEXTS:
+    is_short = size <= LONGEST_TEXT and walk.texts.fit(1, size * item.dtype.itemsize)
+    if not is_short or item.ndim != 2 or item.shape[1] > MOST_TEXTS:
         walk.note(f"the text {name_of(path)} is too long, and is not read")
     elif walk.is_readable(item, name_of(path)):
         codec = {1: "latin-1", 2: "utf-16-le", 4: "utf-32-le"}[min(item.dtype.itemsize, 4)]
         rows = np.asarray(item[()]).T.astype(f"<u{min(item.dtype.itemsize, 4)}")
         texts = [row.tobytes().decode(codec, "replace") for row in rows]
         value = texts[0] if len(texts) == 1 else [text.rstrip() for text in texts]
-        tree.groups.setdefault(path[:-1], {})[path[-1]] = value
+        tree.groups.setdefault(path[:-1], {})[path[-1]] = walk.texts.took(value)
 
 
 def _numbers(item: Any, path: Path, tree: SourceTree, walk: Walk, *, is_logical: bool) -> None:
