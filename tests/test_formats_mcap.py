@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import re
+import subprocess
+import sys
 import tracemalloc
 import uuid
 from collections.abc import Iterator
@@ -609,6 +611,25 @@ class TestCommands:
         back = hapfmt.read(tmp_path / "a.hapf")
         assert back.labels == recording.labels
         assert np.array_equal(back["ft.force.x"].samples(), recording[0].stored)
+
+    @pytest.mark.parametrize("package", ["mcap", "rosbags"])
+    def test_without_the_extra(self, package, tmp_path):
+        code = f"""
+import sys, numpy as np, hapfmt
+sys.modules[{package!r}] = None
+for call in (
+    lambda: hapfmt.save(np.zeros((1, 5)), "a.mcap", rate=10),
+    lambda: hapfmt.read(b"\\x89MCAP0\\r\\n"),
+):
+    try:
+        call()
+    except hapfmt.HapfmtError as error:
+        assert "pip install 'hapfmt[ros]'" in str(error), error
+    else:
+        raise SystemExit("no error")
+"""
+        subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+        assert not [*tmp_path.iterdir()]
 
     def test_schema_is_for_mcap(self, tmp_path):
         save(Recording((plain("a", "N"),)), tmp_path / "a.npz")

@@ -115,7 +115,7 @@ class Texts:
         return self._left > 0 and count <= MOST_TEXTS and count * size <= TEXTS_SIZE
 
     def took(self, value: Any) -> Any:
-        """Count what was read: a text may be in memory often, and in the file once."""
+        """Count the bytes that were read: a text may be in memory often, and in the file once."""
         self._left -= sum(map(len, value)) if isinstance(value, list) else len(value)
         return value
 
