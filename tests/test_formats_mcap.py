@@ -225,6 +225,31 @@ class TestTypes:
         assert json.loads(message.data)["message"] == "slip"
 
 
+class TestManyOfAll:
+    def test_definitions_are_made_once(self, monkeypatch):
+        from hapfmt.convert import ros_definitions
+
+        made: list[object] = []
+        original = ros_definitions.get_typestore
+        monkeypatch.setattr(
+            ros_definitions, "get_typestore", lambda *a: made.append(a) or original(*a)
+        )
+        ros_definitions._common.cache_clear()
+        events = tuple(Event(Fraction(n), str(n)) for n in range(50))
+        written(Recording((plain("a", "N"), plain("b", "N", rate=3)), events=events), "mcap")
+        assert len(made) == 1
+
+    def test_topics_of_one_name(self, schema):
+        """A topic for each channel, since all have other gaps."""
+        recording = Recording(
+            tuple(plain(f"a{n}", "N", coverage=(Span(n, n + 50),)) for n in range(30))
+        )
+        data, _ = written(recording, "mcap", schema=schema)
+        names = {channel.topic for _, channel, _ in messages(data)}
+        assert names == {"/samples", *(f"/samples_{n}" for n in range(2, 31))}
+        assert [facts(c) for c in read(data)] == [facts(c) for c in recording]
+
+
 class TestRosbags:
     """A folder with metadata.yaml around our file is a bag that rosbags opens."""
 
