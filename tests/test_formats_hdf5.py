@@ -694,6 +694,25 @@ class TestHostile:
         data = bytearray(made(lambda file: (put(file, "good", np.zeros(99), fs=10), fill(file))))
         assert "labels" not in read(bytes(data)).metadata["attributes"]["/"]
 
+    def test_a_heap_that_has_no_end(self) -> None:
+        """HDF5 reads an entry of size 0 again and again."""
+
+        def fill(file: Any) -> None:
+            put(file, "good", np.zeros(99), fs=10)
+            file.attrs["subject"] = "S1"
+
+        data = bytearray(made(fill))
+        assert read(bytes(data)).metadata["attributes"]["/"]["subject"] == "S1"
+        at = data.index(b"GCOL\x01") + 16
+        while data[at : at + 2] != bytes(2):
+            at += 16 + -(-int.from_bytes(data[at + 8 : at + 16], "little") // 8) * 8
+        data[at + 8 : at + 16] = bytes(8)
+        found = read(bytes(data))
+        assert found.labels == ["good"]
+        assert notes(found) == [
+            "attribute 'subject' of / is not read: its texts are damaged or too long"
+        ]
+
     def test_all_texts_together(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Compressed texts, which take no space in the file."""
         monkeypatch.setattr("hapfmt.convert.hdf5_files.ALL_TEXTS_SIZE", 30_000)
