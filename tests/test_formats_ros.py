@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from depth import examples
+from depth import DEEP, examples
 from ros_files import KINDS, START, Bag, bag, json_mcap, path_of, wrenches
 from test_timestamps import Publisher
 
@@ -488,6 +488,56 @@ class TestDamage:
                 changed.execute(f"UPDATE {table} SET {column} = {value}")
                 changed.commit()
             tried(copy.read_bytes(), "ros2", tmp_path)
+
+    @pytest.mark.capped
+    @pytest.mark.parametrize("way", ["db3", "mcap"])
+    def test_the_metadata_of_a_folder(self, way, tmp_path):
+        path, _ = wrenches(tmp_path, way, rows=20)
+        about = path / "metadata.yaml"
+        whole = about.read_text("utf-8")
+        bomb = "\n  - &a [x, x, x, x]" + "".join(
+            f"\n  - &{chr(c + 1)} [{', '.join([f'*{chr(c)}'] * 9)}]"
+            for c in range(ord("a"), ord("w"))
+        )
+        values = [
+            "",
+            "null",
+            "-1",
+            "[]",
+            "{}",
+            "[[" * (900 if DEEP else 30),
+            "&x [*x]",
+            '"\\0"',
+            "../../etc",
+            bomb,
+        ]
+        lines = whole.splitlines()
+        refused = 0
+        for number, line in enumerate(lines):
+            key, colon, _ = line.partition(": ")
+            for value in values if DEEP else values[number % 11 :: 11]:
+                changed = f"{key}{colon}{value}" if colon else value
+                about.write_text(
+                    "\n".join([*lines[:number], changed, *lines[number + 1 :]]), "utf-8"
+                )
+                try:
+                    read(path, max_memory=1 << 24)
+                except (HapfmtError, OSError) as error:
+                    assert len(str(error)) < 10_000
+                    refused += 1
+        assert refused > 5
+        for key in ("storage_identifier", "compression_mode", "relative_file_paths"):
+            rest = [
+                line
+                for line in lines
+                if key not in line and ".db3" not in line and ".mcap" not in line
+            ]
+            about.write_text("\n".join([*rest, f"  {key}:{bomb}"]), "utf-8")
+            with pytest.raises(ParameterError, match=r"metadata\.yaml"):
+                read(path)
+        about.write_text("#" * (5 << 20))
+        with pytest.raises(LimitError, match=r"metadata\.yaml is longer"):
+            read(path)
 
     @pytest.mark.capped
     @pytest.mark.parametrize("packing", ["zstd", "lz4"])
