@@ -189,7 +189,7 @@ class TestLayouts:
 
         assert abs(read_made(fill, clock="stamp").epoch_ns - 1_700_000_000 * 10**9) < 1000
         assert read_made(fill, clock="t").epoch_ns is None
-        assert "clock= chooses" in " ".join(notes(read_made(fill, clock="t")))
+        assert "choose times (clock=)" in " ".join(notes(read_made(fill, clock="t")))
         with pytest.raises(ParameterError, match="no time array 'log'; there are"):
             read_made(fill, clock="log")
 
@@ -694,6 +694,25 @@ class TestHostile:
         data = bytearray(made(lambda file: (put(file, "good", np.zeros(99), fs=10), fill(file))))
         assert "labels" not in read(bytes(data)).metadata["attributes"]["/"]
 
+    def test_a_heap_that_has_no_end(self) -> None:
+        """HDF5 reads an entry of size 0 again and again."""
+
+        def fill(file: Any) -> None:
+            put(file, "good", np.zeros(99), fs=10)
+            file.attrs["subject"] = "S1"
+
+        data = bytearray(made(fill))
+        assert read(bytes(data)).metadata["attributes"]["/"]["subject"] == "S1"
+        at = data.index(b"GCOL\x01") + 16
+        while data[at : at + 2] != bytes(2):
+            at += 16 + -(-int.from_bytes(data[at + 8 : at + 16], "little") // 8) * 8
+        data[at + 8 : at + 16] = bytes(8)
+        found = read(bytes(data))
+        assert found.labels == ["good"]
+        assert notes(found) == [
+            "attribute 'subject' of / is not read: its texts are damaged or too long"
+        ]
+
     def test_all_texts_together(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Compressed texts, which take no space in the file."""
         monkeypatch.setattr("hapfmt.convert.hdf5_files.ALL_TEXTS_SIZE", 30_000)
@@ -810,5 +829,8 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     assert done.returncode == 0 and b"HDF5: 3 channels in 1 table" in done.stdout, done.stderr
     assert run("encode", path.name, "a.hapf", cwd=tmp_path).returncode == 0
     assert run("convert", "a.hapf", "b.h5", cwd=tmp_path).returncode == 0
+    (tmp_path / "c.h5").write_bytes(made(lambda f: put(f, "x", np.zeros((6, 6)))))
+    done = run("inspect", "c.h5", cwd=tmp_path)
+    assert b"give a rate (--rate), or a map that says" in done.stderr and done.returncode == 1
     back = hapfmt.read(tmp_path / "b.h5")
     assert np.array_equal(back["wrench.2"].samples(), np.arange(2, 3000.0, 3))

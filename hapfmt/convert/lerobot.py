@@ -545,10 +545,10 @@ def _tables(
 
     def describe(leaf: Leaf, at: int) -> ImportColumn:
         label, unit = split_name(labels[leaf.name][at])
+        unit = next((leaf.metadata[key] for key in ("unit", "units") if key in leaf.metadata), unit)
         code = unit_of(unit, label, notes)
-        return ImportColumn(
-            label, code, group=leaf.column, source_unit=unit if unit not in ("", code) else ""
-        )
+        source = unit if unit not in ("", code) else ""
+        return ImportColumn(label, code, group=leaf.column, source_unit=source)
 
     plain = [leaf for leaf in leaves if window_size(leaf) is None]
     tables: tuple[ImportTable, ...] = ()

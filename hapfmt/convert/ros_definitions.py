@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 from ..errors import MissingExtraError, ParameterError
@@ -26,7 +27,7 @@ _DEFINITION_LIMIT = 1 << 20
 
 def default_types(kind: str) -> Types:
     """For files without definitions."""
-    types: Types = get_typestore(Stores.ROS2_HUMBLE).fielddefs
+    types: Types = _common().fielddefs
     if kind not in types:
         raise ParameterError("the file does not define its type; record it as MCAP")
     return types
@@ -46,13 +47,17 @@ def parsed(text: str, kind: str, language: str) -> Types:
     return types
 
 
+@cache
+def _common() -> Any:
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
 def definition(kind: str, fields: Sequence[tuple[str, str]] = ()) -> tuple[Types, str]:
     """The types and the text of a definition of ROS 2: of a common type, or of one with a header
     and these ``fields``, (type, name)."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    if fields:
-        lines = ["std_msgs/Header header", *(f"{type_} {name}" for type_, name in fields)]
-        store.register(get_types_from_msg("\n".join(lines), kind))
-    text: str = store.generate_msgdef(kind, ros_version=2)[0]
-    types: Types = store.fielddefs
-    return types, text
+    if not fields:
+        return _common().fielddefs, _common().generate_msgdef(kind, ros_version=2)[0]
+    header: str = _common().generate_msgdef("std_msgs/msg/Header", ros_version=2)[0]
+    lines = ["std_msgs/Header header", *(f"{type_} {name}" for type_, name in fields), "=" * 80]
+    text = "\n".join([*lines, f"MSG: std_msgs/Header\n{header}"])
+    return get_types_from_msg(text, kind), text
