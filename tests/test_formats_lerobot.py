@@ -707,6 +707,16 @@ class TestHostile:
         with pytest.raises(LimitError, match="more than the 1000000 allowed"):
             read(root, limits=hapfmt.Limits(memory=1_000_000))
 
+    def test_files_that_were_not_fetched(self, tmp_path):
+        root = v3(tmp_path / "a", [rows(0, [3])])
+        path = root / "data/chunk-000/file-000.parquet"
+        path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n")
+        with pytest.raises(ParameterError, match=r"pointer of Git LFS; git lfs pull"):
+            read(root)
+        path.unlink()
+        with pytest.raises(OSError, match=r"file-000\.parquet"):
+            read(root)
+
     def test_no_dataset(self, tmp_path):
         (tmp_path / "a").mkdir()
         with pytest.raises(ParameterError, match=r"holds none of the files .*meta/info\.json"):

@@ -97,7 +97,7 @@ class Texts:
 
     h5py reads all texts of an attribute at once. Several may be one long text in the file, so the
     longest text in the file bounds each. Texts lie in heaps, which are found by their signature.
-    HDF5 goes round for ever in a heap with an entry of size 0, so the heaps are checked before.
+    The heaps are checked first: HDF5 never leaves an entry of size 0.
     """
 
     def __init__(self, stream: BinaryIO) -> None:

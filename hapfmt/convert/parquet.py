@@ -15,6 +15,7 @@ from .parquet_footer import ColumnChunk, column_chunks
 from .tables import Import
 
 MAGIC = b"PAR1"
+_POINTER = b"version https://git-lfs"
 _COLUMNS = 1 << 16
 _FOOTER_SIZE = 1 << 25
 """Bytes of a footer, checked before it is read: 100 000 columns of a row group have about 10 MB."""
@@ -156,10 +157,12 @@ def check_footer(path: Path) -> None:
     """The magic at both ends, and the size of the footer."""
     size = path.stat().st_size
     with path.open("rb") as stream:
-        head = stream.read(4)
-        if head == b"PARE":
+        head = stream.read(len(_POINTER))
+        if head == _POINTER:
+            raise ParameterError("this is a pointer of Git LFS; git lfs pull fetches the file")
+        if head[:4] == b"PARE":
             raise ParameterError("the file is encrypted")
-        if size < 12 or head != MAGIC:
+        if size < 12 or head[:4] != MAGIC:
             raise ParameterError("this is not a Parquet file")
         stream.seek(size - 8)
         tail = stream.read(8)
