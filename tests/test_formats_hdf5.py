@@ -189,7 +189,7 @@ class TestLayouts:
 
         assert abs(read_made(fill, clock="stamp").epoch_ns - 1_700_000_000 * 10**9) < 1000
         assert read_made(fill, clock="t").epoch_ns is None
-        assert "clock= chooses" in " ".join(notes(read_made(fill, clock="t")))
+        assert "choose times (clock=)" in " ".join(notes(read_made(fill, clock="t")))
         with pytest.raises(ParameterError, match="no time array 'log'; there are"):
             read_made(fill, clock="log")
 
@@ -829,5 +829,8 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     assert done.returncode == 0 and b"HDF5: 3 channels in 1 table" in done.stdout, done.stderr
     assert run("encode", path.name, "a.hapf", cwd=tmp_path).returncode == 0
     assert run("convert", "a.hapf", "b.h5", cwd=tmp_path).returncode == 0
+    (tmp_path / "c.h5").write_bytes(made(lambda f: put(f, "x", np.zeros((6, 6)))))
+    done = run("inspect", "c.h5", cwd=tmp_path)
+    assert b"give a rate (--rate), or a map that says" in done.stderr and done.returncode == 1
     back = hapfmt.read(tmp_path / "b.h5")
     assert np.array_equal(back["wrench.2"].samples(), np.arange(2, 3000.0, 3))

@@ -319,11 +319,11 @@ def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
         raise ParameterError(_nothing(sized, timeless, notes))
     if timeless:
         notes.append(
-            f"no times and no rate are known for {_listed(timeless)}; rate= gives one, map= says "
-            "more"
+            f"no times and no rate are known for {_listed(timeless)}; give a rate (rate=), or a "
+            "map (map=)"
         )
     if others := [one for one in clocks if one.name not in used]:
-        notes.append(f"the times {_listed(others)} are not used; clock= chooses times")
+        notes.append(f"the times {_listed(others)} are not used; choose times (clock=)")
     return tables
 
 
@@ -383,8 +383,8 @@ def _nothing(
     if timeless:
         wide = "" if all(each.is_line for each in timeless) else ", or which column is time"
         return (
-            f"no times and no rate are known for {_listed(timeless)}; give rate=, or a map that "
-            f"says where the times are{wide} (map=)"
+            f"no times and no rate are known for {_listed(timeless)}; give a rate (rate=), or a "
+            f"map that says where the times are{wide} (map=)"
         )
     if notes:
         return f"the file holds nothing that is read as a channel: {'; '.join(notes[:_SHOWN])}"
@@ -565,8 +565,8 @@ def _time_axis(
 
 def _square(arrays: Sequence[SourceArray]) -> str:
     return (
-        f"either side of {_listed(arrays)} may be time; transpose=True says that an array is "
-        "[samples, channels], transpose=False [channels, samples]"
+        f"either side of {_listed(arrays)} may be time; say that an array is [samples, channels] "
+        "(transpose=True), or [channels, samples] (transpose=False)"
     )
 
 
@@ -628,7 +628,7 @@ def built(tree: SourceTree, planned: list[PlannedTable], options: ReadOptions) -
                 ImportColumn(f"{stem}.stamp" if stem else "stamp", "ns", dtype=np.dtype(np.int64))
             )
         if grid is None and one.rate is None:
-            raise ParameterError(f"{one.name} has neither times nor a rate; give rate=")
+            raise ParameterError(f"{one.name} has neither times nor a rate; give a rate (rate=)")
         ticks = None if grid is None else grid.ticks
         if ticks is not None and int(ticks[-1]) == ticks.size - 1:
             ticks = None
@@ -731,7 +731,7 @@ def _exponent(times: SourceArray, x: NDArray[Any], notes: list[str]) -> int:
         if _DAYS[0] < start < _DAYS[1] and step < 0.01:
             raise ParameterError(
                 f"{times.name} seems to hold days, as datenum of MATLAB does; store seconds, or "
-                "give rate="
+                "give a rate (rate=)"
             )
         if step < 1 or (x != np.rint(x)).any():
             return 0
@@ -799,7 +799,7 @@ def _events(
     if one.row_count > MOST_EVENTS:
         raise ParameterError(
             f"{one.name} has {one.row_count} rows whose times are not regular, too many for events;"
-            " give rate="
+            " give a rate (rate=)"
         )
     notes.append(f"the times of {one.name} are not regular; its {one.row_count} rows are events")
     layer = one.name.strip("/").replace("/", ".") or columns[0].label
