@@ -198,6 +198,10 @@ class TestForeign:
         assert len(read(v2(tmp_path / "a", [9]))[0].stored) == 9
         assert len(read(v3(tmp_path / "b", [rows(7, [8])]))[0].stored) == 8
 
+    def test_an_episode_without_frames(self, tmp_path):
+        found = read(v2(tmp_path / "a", [0]), select=["force", "next.done"])
+        assert [channel.stored.size for channel in found] == [0, 0] and not found.events
+
     def test_several_files(self, tmp_path):
         root = v3(tmp_path / "a", [rows(0, [5, 6]), rows(5, [7, 8])])
         assert [len(read(root, episode=n)[0].stored) for n in (0, 1, 5, 6)] == [5, 6, 7, 8]
