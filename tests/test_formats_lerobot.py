@@ -540,6 +540,15 @@ class TestOurs:
         save(RECORDING.sel([0]), root, format="lerobot", force=True)
         assert read(root).labels == ["fx"] and len(list(tmp_path.iterdir())) == 1
 
+    def test_other_folders_are_never_replaced(self, tmp_path):
+        (tmp_path / "thesis.txt").write_text("years", "utf-8")
+        with pytest.raises(ParameterError, match="holds other files than LeRobot"):
+            save(RECORDING, tmp_path, format="lerobot", fps=20, force=True)
+        assert (tmp_path / "thesis.txt").read_text("utf-8") == "years"
+        (tmp_path / "empty").mkdir()
+        save(RECORDING, tmp_path / "empty", format="lerobot", fps=20, force=True)
+        assert len(read(tmp_path / "empty")) == 6
+
     def test_fps_that_is_no_integer(self, tmp_path):
         recording = Recording((Channel(np.arange(110.0), Fraction(44100, 7)),))
         notes = save(recording, tmp_path / "a", format="lerobot", fps=Fraction(4410, 7))
