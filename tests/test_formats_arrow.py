@@ -236,6 +236,11 @@ class TestForeign:
         assert found["x"].stored.tolist() == list(range(5000))
         assert [e.text for e in found.events] == ["a", "b"] * 2500
 
+    def test_no_rows(self, kind):
+        table = pa.table({"x": pa.array([], pa.int16()), "word": pa.array([], pa.string())})
+        found = read(written(table, kind), rate=10)
+        assert found.labels == ["x"] and not found[0].stored.size and not found.events
+
     def test_select_and_clock(self, kind):
         n = np.arange(100)
         table = pa.table(

@@ -531,9 +531,20 @@ class TestOurLayout:
         given = Recording((Channel(np.arange(9.0), 5, label="time"),))
         assert there_and_back(given)["time"].samples().tolist() == list(range(9))
 
-    def test_many_channels(self) -> None:
+    def test_many_channels(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """More than a dimension scale can list."""
-        given = Recording(tuple(Channel(np.zeros(1), 5, label=f"c{i}") for i in range(1001)))
+        given = Recording(tuple(Channel(np.zeros(1), 5, label=f"c{i}") for i in range(3)))
+        for most, listed in ((3, 1), (2, 0)):
+            monkeypatch.setattr("hapfmt.convert.hdf5_layout.MOST_SCALED", most)
+            stream = io.BytesIO()
+            save(given, stream, format="h5")
+            with h5py.File(stream) as file:
+                assert len(file["rate_5Hz/c2"].dims[0]) == listed
+            assert read(stream.getvalue()).labels == given.labels
+
+    @pytest.mark.deep
+    def test_a_thousand_channels(self) -> None:
+        given = Recording(tuple(Channel(np.zeros(1), 5, label=f"c{i}") for i in range(1000)))
         assert there_and_back(given).labels == given.labels
 
     def test_select(self) -> None:
@@ -810,7 +821,7 @@ class TestHostile:
         rng = np.random.default_rng(3)
         for whole in (stream.getvalue(), foreign):
             damaged = [whole[:size] for size in range(0, len(whole), len(whole) // 40)]
-            for _ in range(examples(400)):
+            for _ in range(examples(200)):
                 at = int(rng.integers(len(whole)))
                 damaged.append(whole[:at] + bytes([rng.integers(256)]) + whole[at + 1 :])
             for data in damaged:
@@ -820,6 +831,13 @@ class TestHostile:
                     assert str(error)
 
 
+def test_advice_on_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "c.h5").write_bytes(made(lambda f: put(f, "x", np.zeros((6, 6)))))
+    done = run("inspect", "c.h5", cwd=tmp_path)
+    assert b"give a rate (--rate), or a map that says" in done.stderr and done.returncode == 1
+
+
+@pytest.mark.deep  # the commands of docs/hdf5-and-mat.md always run
 def test_on_the_command_line(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     path.write_bytes(
@@ -829,8 +847,5 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     assert done.returncode == 0 and b"HDF5: 3 channels in 1 table" in done.stdout, done.stderr
     assert run("encode", path.name, "a.hapf", cwd=tmp_path).returncode == 0
     assert run("convert", "a.hapf", "b.h5", cwd=tmp_path).returncode == 0
-    (tmp_path / "c.h5").write_bytes(made(lambda f: put(f, "x", np.zeros((6, 6)))))
-    done = run("inspect", "c.h5", cwd=tmp_path)
-    assert b"give a rate (--rate), or a map that says" in done.stderr and done.returncode == 1
     back = hapfmt.read(tmp_path / "b.h5")
     assert np.array_equal(back["wrench.2"].samples(), np.arange(2, 3000.0, 3))

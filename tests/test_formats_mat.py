@@ -743,6 +743,7 @@ class TestHostile:
                 survives(data, "mat")
 
 
+@pytest.mark.deep  # the commands of docs/hdf5-and-mat.md always run
 def test_on_the_command_line(tmp_path: Path) -> None:
     x = np.arange(3000.0).reshape(1000, 3)
     (tmp_path / "a.mat").write_bytes(made(wrench={"data": x, "fs": 500, "unit": "N"}))

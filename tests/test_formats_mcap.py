@@ -22,13 +22,13 @@ from commands import run
 from depth import DEEP, examples
 from formats import damaged, survives, written
 from hypothesis import given, settings
-from ros_files import START, bag, path_of
+from ros_files import START, bag, json_mcap, path_of
 from spec import ROOT
 
 import hapfmt
 from hapfmt.clocks import ClockMap, ClockObservation
 from hapfmt.convert import imported, read, save
-from hapfmt.errors import ParameterError
+from hapfmt.errors import HapfmtError, ParameterError
 from hapfmt.recording import Calibration, Channel, Event, Recording, Span
 
 SCHEMAS = ("ros2", "json")
@@ -364,6 +364,12 @@ class TestRoundTrip:
         with pytest.raises(ParameterError, match="no topic or channel is called 'z'"):
             read(data, select="z")
 
+    def test_integers_of_64_bits(self, schema):
+        ends = (np.array([0, 2**64 - 1], np.uint64), np.array([-(2**63), 2**63 - 1]))
+        recording = Recording(tuple(Channel(x, 10, label=str(x.dtype)) for x in ends))
+        back = read(written(recording, "mcap", schema=schema)[0])
+        assert [facts(c) for c in back] == [facts(c) for c in recording]
+
     def test_counts_that_no_double_tells_are_written_as_counts(self, schema):
         counts = np.arange(2**52 - 100, 2**52)
         far = Channel(counts, 10, calibration=Calibration(1, 2**52 - 1, 3), label="far")
@@ -595,6 +601,41 @@ class TestOwnMetadata:
         Footer(0, 0, 0).write(builder)
         magic = b"\x89MCAP0\r\n"
         return magic + builder.end() + magic
+
+
+class TestOddMessages:
+    """JSON holds anything, in any message."""
+
+    @pytest.mark.parametrize("clock", [None, "header"])
+    @pytest.mark.parametrize("way", ["all", "last", "some", "in turn"])
+    def test_any_value(self, way, clock):
+        odd = [*WRONG, float("inf"), 1e300, 2**64, "\ud800", "\0", [1.5] * 300, [[1, 2], [3]], {"sec": 1, "nsec": 2},
+               {"sec": 2**70, "nsec": -(2**70)}, {"sec": "1", "nsec": None}, {"": 1, ".": 2, "a[0]": 3}]  # fmt: skip
+        for value in odd:
+
+            def message(row: int, value: Any = value) -> dict[str, Any]:
+                wrong = {"all": True, "last": row == 79, "some": row % 7 == 3, "in turn": row % 2}[
+                    way
+                ]
+                stamp = {"sec": 1_700_000_000, "nsec": row * 10**6}
+                made: dict[str, Any] = {"timestamp": stamp, "v": 1, "w": {"x": row / 2}}
+                return (
+                    {
+                        **made,
+                        "v": value,
+                        "w": {"x": value},
+                        "timestamp": value if row % 40 else stamp,
+                    }
+                    if wrong
+                    else made
+                )
+
+            data = json_mcap(("/a", START + row * 10**6, message(row)) for row in range(80))
+            for options in ({}, {"clock": clock} if clock else {"keep_stamps": True}):
+                try:
+                    read(data, max_memory=1 << 24, **options)
+                except HapfmtError as error:
+                    assert str(error)
 
 
 class TestMemory:

@@ -6,6 +6,7 @@ import io
 import re
 import shutil
 import sqlite3
+import time
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
@@ -608,6 +609,32 @@ class TestDamage:
         writer.finish()
         with pytest.raises(ParameterError, match="nested too deeply"):
             read(io.BytesIO(stream.getvalue()))
+
+    @pytest.mark.parametrize(
+        "text",
+        ["\n" * 200_000, "# x\n" * 60_000, "float64 x\n" * 5_000, "float64[" * 30_000, "float64[2000000000] x",
+         "a/C[4000000000] x\n" + "=" * 80 + "\nMSG: a/C\nfloat64 z\n", "float64[" + "9" * 5000 + "] x",
+         "a/C[4096] x\na/C[4096] y\n" + "=" * 80 + "\nMSG: a/C\n", "float64 x\n" * 30_000, "\0", "x" * 70],
+        ids=lambda text: text[:12].encode("unicode_escape").decode(),
+    )  # fmt: skip
+    def test_definitions_of_any_kind(self, text):
+        """They are refused, or left out with a note, and take no long time."""
+        from mcap.writer import Writer
+
+        stream = io.BytesIO()
+        writer = Writer(stream)
+        writer.start("ros2")
+        schema = writer.register_schema("a/msg/B", "ros2msg", text.encode())
+        channel = writer.register_channel("/x", "cdr", schema)
+        for row in range(100):
+            writer.add_message(channel, START + row * 10**7, b"\0\1\0\0" + bytes(64), START)
+        writer.finish()
+        began = time.process_time()
+        try:
+            assert len(read(stream.getvalue())) == 0
+        except ParameterError as error:
+            assert len(str(error)) < 1000
+        assert time.process_time() - began < 20
 
     def test_a_bag_that_lost_a_part(self, folder):
         path, _ = wrenches(folder, "mcap", name="lost")

@@ -17,7 +17,6 @@ from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 from uuid import UUID
 
 import numpy as np
@@ -31,9 +30,9 @@ from ..errors import ParameterError, unknown
 from ..format.source import is_url
 from ..format.wire import SIGNATURE
 from ..reading.catalogue import FalseIndexError
-from ..reading.reader import Reader
 from ..recording import variable_names
 from .files import (
+    PartReader,
     check_channels,
     chunks_of,
     described,
@@ -82,7 +81,7 @@ class ChannelArray(BackendArray):
         """The values of the places [start, stop)."""
         first, last = self.first + start, self.first + stop
         reader = unchanged(self.files.acquire(), self.version)
-        (channel,) = read_ticks(reader, reader.select([self.number]), first, last)
+        (channel,) = read_ticks(reader, [reader.by_number()[self.number]], first, last)
         return channel.filled(first, last)
 
 
@@ -91,7 +90,7 @@ class HapfFile:
 
     def __init__(self, path: str, *, drop: Iterable[str], clocks: bool) -> None:
         self.files = CachingFileManager(open_reader, path, mode="r")
-        self.reader: Reader = self.files.acquire()
+        self.reader: PartReader = self.files.acquire()
         try:
             self.learn({*drop}, clocks=clocks)
         except FalseIndexError:
@@ -182,7 +181,7 @@ class HapfBackend(BackendEntrypoint):
             return False
         name = os.fspath(filename_or_obj)
         if isinstance(filename_or_obj, str) and is_url(name):
-            return urlsplit(name).path.endswith(".hapf") or name.endswith(".hapf")
+            return any(part.split("?")[0].endswith(".hapf") for part in name.split("::"))
         if name.endswith(".hapf"):
             return True
         try:

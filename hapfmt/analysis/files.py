@@ -28,9 +28,20 @@ CHUNK_TICKS = 1 << 20
 """Ticks of a chunk for Dask, 8 MiB: as many whole clusters as have this many."""
 
 
-def open_reader(path: str, mode: str = "r") -> Reader:  # noqa: ARG001
+class PartReader(Reader):
+    """One that is asked for many parts."""
+
+    _known: tuple[Catalogue, dict[int, ChannelRef]] | None = None
+
+    def by_number(self) -> dict[int, ChannelRef]:
+        if self._known is None or self._known[0] is not self.catalogue:
+            self._known = self.catalogue, {ref.number: ref for ref in self.channels}
+        return self._known[1]
+
+
+def open_reader(path: str, mode: str = "r") -> PartReader:  # noqa: ARG001
     """xarray gives a mode, where it opens the file again in another process too."""
-    return Reader(path, strict=True)
+    return PartReader(path, strict=True)
 
 
 def version_of(reader: Reader) -> tuple[Any, ...]:
@@ -40,7 +51,7 @@ def version_of(reader: Reader) -> tuple[Any, ...]:
     return source.size, version, reader.catalogue.file_id, head.uuid if head else None
 
 
-def unchanged(reader: Reader, version: tuple[Any, ...]) -> Reader:
+def unchanged(reader: PartReader, version: tuple[Any, ...]) -> PartReader:
     if version_of(reader) != version:
         raise OSError(
             errno.ESTALE, "the file changed after it was opened; open it again", reader.source.path

@@ -83,8 +83,7 @@ def scan_hapf(
         at_once = min(at_once, size or BATCH, BATCH)
         with open_reader(path) as reader:
             unchanged(reader, version)
-            by_number = {ref.number: ref for ref in reader.channels}
-            chosen = [by_number[numbers[name]] for name in decoded]
+            chosen = [reader.by_number()[numbers[name]] for name in decoded]
             for low in range(start, stop, at_once):
                 high = min(low + at_once, stop)
                 if left <= 0:

@@ -785,7 +785,7 @@ def text_events(
                     )
                     return []
         rows += batch.num_rows
-    ends = [row for row, _ in runs[1:]] + [rows]
+    ends = [*(row for row, _ in runs), rows][1:]
     return [
         Event(seconds(row), text, seconds(end - 1) + tick - seconds(row), layer=layer or column)
         for (row, text), end in zip(runs, ends, strict=True)

@@ -502,7 +502,8 @@ def _add_texts(
     if edges.size == 1 and not strange:
         metadata[key] = texts[int(codes[0])]
         return
-    for first, stop in zip(edges.tolist(), [*edges[1:].tolist(), codes.size], strict=True):
+    stops = [*edges.tolist(), codes.size][1:]
+    for first, stop in zip(edges.tolist(), stops, strict=True):
         text = texts.get(int(codes[first]))
         if text:
             start = frames.seconds(first)
