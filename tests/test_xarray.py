@@ -179,6 +179,13 @@ def test_any_recording_any_part(room, data):
             assert np.array_equal(got, wanted, equal_nan=True)
             seconds = hapfmt.recording.seconds_of(a + origin, b + origin, index.rate)
             assert np.array_equal(time[chosen].values, seconds)
+        with xr.open_dataset(room, group="events") as events:
+            names = [*lazy.data_vars]
+            assert events["text"].values.tolist() == [event.text for event in was.events]
+            assert events["time"].values.tolist() == [float(event.time) for event in was.events]
+            assert events["channel"].values.tolist() == [
+                "" if event.channel is None else names[event.channel] for event in was.events
+            ]
         try:
             whole = was.to_xarray()
         except LimitError:
