@@ -39,7 +39,6 @@ from .limits import AFFINE_LIMIT, EXACT_LIMIT, LAST_TRACK_ID, TICK_LIMIT
 from .numbers import counted, exact, hertz, tick_range
 from .numbers import exact as to_fraction
 from .units import given_units, split_name
-from .version import __version__
 
 
 @dataclass(frozen=True, repr=False)
@@ -430,7 +429,11 @@ def _frame_of(data: Any) -> Any:
     data = data.reset_coords(drop=True)
     frame = data.to_dataframe()
     frame.attrs = {
-        "units": {name: one.attrs["units"] for name, one in data.items() if "units" in one.attrs},
+        "units": {
+            name: one.attrs.get("ucum", one.attrs.get("units"))
+            for name, one in data.items()
+            if {"ucum", "units"} & one.attrs.keys()
+        },
         "epoch_ns": data.attrs.get("epoch_ns"),
         "metadata": data.attrs.get("metadata"),
     }
@@ -508,38 +511,39 @@ def to_pandas(recording: Recording) -> Any:
 
 def to_xarray(recording: Recording) -> Any:
     try:
-        import xarray
+        import xarray  # noqa: F401
     except ImportError:
         raise MissingExtraError("xarray", "xarray") from None
+    from .datasets import About, DatasetVariable, clock_maps, dataset_of
+
     by_rate: dict[Fraction, list[Channel]] = {}
     for channel in recording:
         by_rate.setdefault(channel.rate_exact, []).append(channel)
-    names = iter(unique(recording.labels, []))
-    name_of = {id(channel): name for channel, name in zip(recording, names, strict=True)}
-    variables: dict[str, Any] = {}
-    coordinates: dict[str, Any] = {}
+    extents = {rate: extent(channels) for rate, channels in by_rate.items()}
     left = GAPPY_TICKS
-    times = unique([f"time_{float(rate):.6g}Hz" for rate in by_rate], [])
-    for number, (rate, channels) in enumerate(by_rate.items()):
-        time = "time" if len(by_rate) == 1 else times[number]
-        first, last = extent(channels)
-        left -= (last - first) * len(channels)
-        if left < 0:
-            raise LimitError(
-                f"the channels with their gaps have more than {GAPPY_TICKS} values; take a part: "
-                "rec.sel(start=..., stop=...)"
-            )
-        coordinates[time] = (time, seconds_of(first, last, rate), {"units": "s"})
-        for channel in channels:
-            described = {"units": channel.unit, "long_name": channel.label, "rate": channel.rate}
-            variables[name_of[id(channel)]] = (time, channel.filled(first, last), described)
-    about: dict[str, Any] = {"source": f"hapfmt {__version__}"}
-    if recording.epoch_ns is not None:
-        about["epoch_ns"] = recording.epoch_ns
-    if recording.metadata:
-        about["metadata"] = json.dumps(recording.metadata)  # a text, so that to_netcdf takes it
-    in_place = {name_of[id(channel)]: variables[name_of[id(channel)]] for channel in recording}
-    return xarray.Dataset(in_place, coordinates, about)
+    for rate, (first, last) in extents.items():
+        left -= (last - first) * len(by_rate[rate])
+    if left < 0:
+        raise LimitError(
+            f"the channels with their gaps have more than {GAPPY_TICKS} values; take a part: "
+            "rec.sel(start=..., stop=...), or xarray.open_dataset(file), which reads on demand"
+        )
+    signals = [
+        DatasetVariable(name, number, channel, channel.filled(*extents[channel.rate_exact]))
+        for number, (name, channel) in enumerate(
+            zip(variable_names(recording.labels), recording, strict=True)
+        )
+    ]
+    maps = clock_maps(recording.clocks, recording.clock_maps)
+    about = About(
+        recording.uuid, recording.epoch_ns, recording.epoch_uncertainty_ns, recording.metadata
+    )
+    return dataset_of(signals, extents, about, maps)
+
+
+def variable_names(labels: Sequence[str]) -> list[str]:
+    """Labels, each once; a channel without one is called by its number: ch1, ch2 ..."""
+    return unique([label or f"ch{number}" for number, label in enumerate(labels, 1)], [])
 
 
 def unique(labels: Sequence[str], notes: list[str]) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -23,6 +24,10 @@ class Server(ThreadingHTTPServer):
         """Bytes left out at the end of an answer."""
         self.asked: list[tuple[int, int]] = []
         """(first byte, bytes sent) of every content."""
+        self.heads = 0
+        """Requests for headers alone."""
+        self.etags = True
+        """Whether answers have an ETag."""
 
     @property
     def sent(self) -> int:
@@ -37,6 +42,7 @@ class Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
 
     def do_HEAD(self) -> None:
+        self.server.heads += 1
         self.answer(body=False)
 
     def do_GET(self) -> None:
@@ -52,15 +58,23 @@ class Handler(BaseHTTPRequestHandler):
             return
         assert data is not None
         start, stop = 0, len(data)
-        wanted = re.fullmatch(r"bytes=(\d+)-(\d+)", self.headers.get("Range", ""))
-        if wanted and self.server.parts:
-            start, stop = int(wanted[1]), min(int(wanted[2]) + 1, len(data))
+        wanted = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", ""))
+        if wanted and self.server.parts and not data:
+            self.send_response(416)
+            self.send_header("Content-Range", "bytes */0")
+        elif wanted and self.server.parts:
+            if wanted[1]:
+                start, stop = int(wanted[1]), min(int(wanted[2] or len(data)) + 1, len(data))
+            else:
+                start = max(len(data) - int(wanted[2]), 0)
             self.send_response(206)
             self.send_header("Content-Range", f"bytes {start}-{stop - 1}/{len(data)}")
         else:
             self.send_response(200)
         part = data[start : stop - self.server.cut] if body else data[start:stop]
         self.send_header("Content-Length", str(len(part)))
+        if self.server.etags:
+            self.send_header("ETag", f'"{zlib.crc32(data):08x}"')
         self.end_headers()
         if body:
             self.server.asked.append((start, len(part)))

@@ -20,16 +20,17 @@ MODULES = {
 }
 LAYERS = (
     "kernels",
-    """clocks deadband descriptions errors files limits numbers recording threads times units
-    version""",
+    """clocks datasets deadband descriptions errors files limits numbers recording threads times
+    units version""",
     "format",
     "codecs",
     "reading",
-    "convert",
+    "convert analysis",
     "encoder",
     "writing",
     "edit replay",
     "lab",
+    "archive",
     "cli",
     "__main__",
 )
@@ -73,11 +74,12 @@ ONLY_IN = {
     "sounddevice": ("lab.study.outputs",),
     "hid": ("replay.sinks.hid",),
     "hidraw": ("replay.sinks.hid",),
-    "pandas": ("recording",),
-    "xarray": ("recording",),
+    "pandas": ("recording", "datasets"),
+    "xarray": ("recording", "datasets", "analysis.backend"),
     "rosbags": ("convert.ros_definitions", "convert.rosbag"),
     "ruamel": ("convert.rosbag",),
     "apsw": ("convert.rosbag",),
+    "rerun": ("cli.rerun_loader",),
     "mcap": ("convert.mcap", "convert.mcap_writer"),
     "zstandard": ("convert.mcap",),
     "lz4": ("convert.mcap", "convert.rosbag"),
@@ -104,8 +106,13 @@ HEAVY = {
     "xarray",
     "rosbags",
     "mcap",
+    "rerun",
     "nptdms",
     "pyarrow",
+    "polars",
+    "distributed",
+    "bagit",
+    "rocrate",
 }
 
 

@@ -417,17 +417,18 @@ def test_errors_are_json_too(room: Path) -> None:
 def test_help_has_sections() -> None:
     text = called("--help").out
     places = [text.index(f"{name}:\n") for name in SECTIONS]
-    assert places == sorted(places) and len(VERBS) == 26
+    assert places == sorted(places) and len(VERBS) == 27
     for verb, what in VERBS.items():
         assert re.search(rf"^  {verb} +{re.escape(what)}$", text, re.M), verb
 
 
 def test_help_of_every_verb_has_examples_and_groups_within_80_columns(tmp_path: Path) -> None:
-    for verb in VERBS:
-        done = run_in_terminal(verb, "--help", cwd=tmp_path)
+    own = ("encode", "convert", "recover", "verify", "catalogue", "find", "bag")
+    for verb in [*VERBS, *(f"archive {each}" for each in own)]:
+        done = run_in_terminal(*verb.split(), "--help", cwd=tmp_path)
         text = done.stdout.decode().replace("\r\n", "\n")
         assert done.returncode == 0 and max(map(len, text.split("\n"))) <= 80, verb
-        if verb != "profile":  # a group, whose help lists its own verbs
+        if verb not in ("profile", "archive"):  # groups, whose help lists their own verbs
             assert re.search(rf"\n\nExamples:\n(?:  .*hapfmt .*\n)*  .*hapfmt {verb}", text), verb
     text = called("encode", "--help").out
     parts = ["Quality:", "\n  --preset", "For experts:", "\n  --canonical", "Output:"]

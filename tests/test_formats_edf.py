@@ -227,6 +227,13 @@ class TestPlainFiles:
         with pytest.raises(ParameterError, match=message):
             read(REFUSED[message], format="edf")
 
+    def test_a_long_record(self) -> None:
+        """Streamed, a file of one record would be held whole."""
+        data = header({236: b"1", 256 + 216: b"50000"}, bytes(100_000))
+        assert read(data, max_memory=100_000)["fx"].counts.size == 50_000
+        with pytest.raises(LimitError, match="a record takes 100000 bytes, more than the 99999"):
+            read(data, max_memory=99_999)
+
     def test_unfinished(self) -> None:
         back = read(header({236: b"-1"}, b"\1\0" * 7))
         assert back["fx"].counts.tolist() == [1] * 6

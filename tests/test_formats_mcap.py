@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import tracemalloc
 import uuid
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 import strategies as s
 from commands import run
-from depth import examples
+from depth import DEEP, examples
 from formats import damaged, survives, written
 from hypothesis import given, settings
 from ros_files import START, bag, path_of
@@ -24,7 +25,7 @@ from spec import ROOT
 
 import hapfmt
 from hapfmt.clocks import ClockMap, ClockObservation
-from hapfmt.convert import read, save
+from hapfmt.convert import imported, read, save
 from hapfmt.errors import ParameterError
 from hapfmt.recording import Calibration, Channel, Event, Recording, Span
 
@@ -490,6 +491,109 @@ class TestChanged:
         writer.finish()
         with pytest.raises((ParameterError, hapfmt.errors.LimitError)):
             read(stream.getvalue(), max_memory=1 << 24)
+
+
+def leaves(found: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Paths of all values."""
+    yield path
+    inner = (
+        found.items()
+        if isinstance(found, dict)
+        else enumerate(found)
+        if isinstance(found, list)
+        else ()
+    )
+    for key, each in inner:
+        yield from leaves(each, (*path, key))
+
+
+def replaced(found: Any, path: tuple[Any, ...], value: Any) -> Any:
+    if not path:
+        return value
+    keys = found.items() if isinstance(found, dict) else enumerate(found)
+    made = {key: replaced(each, path[1:], value) if key == path[0] else each for key, each in keys}
+    return made if isinstance(found, dict) else list(made.values())
+
+
+WRONG = (
+    None, True, -1, 0.5, 2**31, 2**62, 2**63 - 1, 2**70, -(2**63), 10**400, float("nan"), "", "x", "-1", "1e999999999",
+    "1/0", "9" * 60, [], [[]], [1, 2], [[0, 1 << 48]], {}, {"a": 1},
+)  # fmt: skip
+
+
+class TestOwnMetadata:
+    """Any value anywhere in the record of the metadata gives a recording or our error."""
+
+    def test_any_value(self, schema):
+        from mcap.reader import make_reader
+
+        recording = Recording(
+            (
+                channel(coverage=(Span(0, 50), Span(60, 110)), axis="x"), plain("b", "N"),
+                replace(plain("c", "1"), lsb=0.5),
+            ),
+            epoch_ns=START, epoch_uncertainty_ns=3, metadata={"a": 1},
+            events=(Event(Fraction(1, 3), "x", channel=1),),
+            clocks=(ClockObservation("pc", 0, 5, 7),),
+            clock_maps=(ClockMap("pc", 0, ((0, 0), (5, 5))),),
+        )  # fmt: skip
+        data, _ = written(recording, "mcap", schema=schema)
+        [about] = make_reader(io.BytesIO(data)).iter_metadata()
+        own = json.loads(about.metadata["recording"])
+        change = TestChanged()
+        plain_copy = change.rewritten(data, lambda message: message)
+        assert len(read(plain_copy)) == 3
+        count = 0
+        for path in leaves(own):
+            for value in WRONG if DEEP else WRONG[sum(map(len, map(str, path))) % 5 :: 5]:
+                wrong = json.dumps(replaced(own, path, value))
+                broken = self.with_own(data, wrong)
+                count += survives(broken, "mcap") is None
+        assert count > 40
+
+    def with_own(self, data: bytes, text: str) -> bytes:
+        """The file with another record. Its summary is left out, so readers go through all of it."""
+        from mcap.data_stream import RecordBuilder
+        from mcap.records import Chunk, DataEnd, Footer, Header, Metadata
+        from mcap.stream_reader import StreamReader
+
+        builder = RecordBuilder()
+        for record in StreamReader(io.BytesIO(data), emit_chunks=True).records:
+            if isinstance(record, (Header, Chunk)):
+                record.write(builder)
+            elif isinstance(record, Metadata):
+                Metadata("hapfmt", {"recording": text}).write(builder)
+        DataEnd(0).write(builder)
+        Footer(0, 0, 0).write(builder)
+        magic = b"\x89MCAP0\r\n"
+        return magic + builder.end() + magic
+
+
+class TestMemory:
+    @pytest.mark.deep
+    def test_blocks_are_small(self, tmp_path, schema):
+        """12 MB of values need 8 MB at most, and the progress reaches its end."""
+        rows, width = 60_000, 25
+        x = np.arange(rows * 1.0)
+        recording = Recording(tuple(Channel(x, 1000, label=f"c{n}") for n in range(width)))
+        seen: list[tuple[int, int]] = []
+        save(recording, tmp_path / "a.mcap", schema=schema, progress=lambda *at: seen.append(at))
+        assert seen[-1] == (rows, rows)
+        for options in ({}, {"clock": "log"}):
+            seen.clear()
+            with imported(tmp_path / "a.mcap", progress=lambda *at: seen.append(at), **options) as (
+                _,
+                found,
+            ):
+                tracemalloc.start()
+                try:
+                    held = sum(len(block.values[0]) for block in found.blocks())
+                    _, peak = tracemalloc.get_traced_memory()
+                finally:
+                    tracemalloc.stop()
+            assert held == rows
+            assert peak < 8 << 20, peak
+            assert seen and seen[-1][0] <= seen[-1][1]
 
 
 class TestCommands:

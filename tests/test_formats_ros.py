@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import io
+import re
+import shutil
+import sqlite3
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from depth import examples
 from ros_files import KINDS, START, Bag, bag, json_mcap, path_of, wrenches
 from test_timestamps import Publisher
 
@@ -434,6 +439,7 @@ def tried(data: bytes, format: str, tmp_path: Path) -> None:
 
 
 class TestDamage:
+    @pytest.mark.capped
     @pytest.mark.parametrize("way", KINDS)
     def test_any_damage_gives_a_recording_or_our_error(self, way, folder, tmp_path):
         path, _ = wrenches(folder, way, rows=70, name="damaged")
@@ -442,9 +448,9 @@ class TestDamage:
         whole = path.read_bytes()
         format = {"bag": "rosbag", "db3": "ros2", "mcap": "mcap"}[way]
         generator = np.random.default_rng(11)
-        for size in generator.integers(0, len(whole), 40).tolist():
+        for size in generator.integers(0, len(whole), examples(40)).tolist():
             tried(whole[:size], format, tmp_path)
-        for _ in range(120):
+        for _ in range(examples(120)):
             data = bytearray(whole)
             at = int(generator.integers(len(whole)))
             data[at : at + 4] = generator.integers(0, 256, 4, dtype=np.uint8).tobytes()
@@ -456,6 +462,34 @@ class TestDamage:
             with pytest.raises(ParameterError):
                 read(io.BytesIO(data), format=format)
 
+    @pytest.mark.parametrize(
+        "value", ["NULL", "5", "x'ff'", "''", "'\ud800'", "1e300", "9223372036854775807", "-1"]
+    )
+    @pytest.mark.parametrize("table", ["topics", "messages", "message_definitions", "schema"])
+    def test_cells_of_any_type(self, table, value, tmp_path):
+        """SQLite keeps any type in any cell."""
+        path, _ = wrenches(tmp_path, "db3", rows=20)
+        [path] = path.glob("*.db3")
+        copy = tmp_path / "copy.db3"
+        with closing(sqlite3.connect(path)) as known:
+            columns = [row[1] for row in known.execute(f"PRAGMA table_info({table})")]
+        assert columns
+        for column in columns:
+            shutil.copyfile(path, copy)
+            with closing(sqlite3.connect(copy)) as changed, suppress(sqlite3.Error):
+                changed.execute("PRAGMA writable_schema = 1")
+                sql = changed.execute(
+                    "SELECT sql FROM sqlite_master WHERE name = ?", (table,)
+                ).fetchone()[0]
+                loose = re.sub("NOT NULL", "", sql)
+                changed.execute("UPDATE sqlite_master SET sql = ? WHERE name = ?", (loose, table))
+                changed.commit()
+            with closing(sqlite3.connect(copy)) as changed, suppress(sqlite3.Error, UnicodeError):
+                changed.execute(f"UPDATE {table} SET {column} = {value}")
+                changed.commit()
+            tried(copy.read_bytes(), "ros2", tmp_path)
+
+    @pytest.mark.capped
     @pytest.mark.parametrize("packing", ["zstd", "lz4"])
     def test_bombs_are_refused(self, packing):
         from mcap.data_stream import RecordBuilder
@@ -483,6 +517,7 @@ class TestDamage:
             with pytest.raises(error, match=text):
                 read(io.BytesIO(magic + builder.end() + magic), max_memory=1 << 22)
 
+    @pytest.mark.capped
     def test_a_bomb_in_a_bag(self, folder):
         from rosbags.rosbag1 import Writer
 

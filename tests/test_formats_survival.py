@@ -11,6 +11,7 @@ import pytest
 from formats import facts, written
 from spec import ROOT
 
+from hapfmt.clocks import ClockObservation
 from hapfmt.convert import read
 from hapfmt.errors import ParameterError
 from hapfmt.recording import Calibration, Channel, Event, Recording, Span
@@ -46,6 +47,7 @@ CASES = {
     "groups": Recording((channel(group="hand"),)),
     "events": Recording((channel(),), events=(Event(Fraction(1, 50), "slip", Fraction(1, 100)),)),
     "layers of events": Recording((channel(),), events=(Event(Fraction(1, 50), "a", layer="b"),)),
+    "clocks": Recording((channel(),), clocks=(ClockObservation("daq", 0, 5, 10**9),)),
 }
 
 
@@ -53,6 +55,7 @@ def members(recording: Recording) -> tuple[Any, ...]:
     return (
         recording.epoch_ns,
         recording.events,
+        recording.clocks,
         [(facts(c), c.label, c.unit, c.group) for c in recording],
     )
 

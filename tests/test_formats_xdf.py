@@ -119,6 +119,14 @@ class TestSession:
         with pytest.raises(LimitError, match=r"the chunk at byte .* has 1099511627774 bytes"):
             read(bomb[:13] + b"\3\0" + bomb[15:])
 
+    def test_a_packed_bomb(self, tmp_path: Path) -> None:
+        path = tmp_path / "a.xdfz"
+        path.write_bytes(
+            gzip.compress(b"XDF:" + struct.pack("<BQH", 8, 1 << 40, 5) + bytes(1 << 26))
+        )
+        with pytest.raises(LimitError, match="the file unpacks to more than 200 times its size"):
+            read(path)
+
     def test_select(self) -> None:
         data, _ = session()
         assert read(data, select="glove").events == ()
@@ -220,6 +228,16 @@ class TestStreamsWithoutARate:
         data = one("int8", [[1]] * 3000, stamps)
         with pytest.raises(LimitError, match="its 3000 rows take too much as events"):
             read(data, max_memory=1 << 20)
+
+    def test_events_of_all_streams_together_are_bounded(self) -> None:
+        stamps = np.cumsum(np.random.default_rng(1).exponential(1, 900)).tolist()
+        data = b"XDF:" + START
+        for number in range(4):
+            data += header(number, f"s{number}", "int8", 1, 0)
+            data += samples(number, "int8", [[1]] * 900, stamps)
+        assert len(read(data, max_memory=1 << 20, select="s0").events) == 900
+        with pytest.raises(LimitError, match="stream 's3' has no rate"):
+            read(data, max_memory=3 << 19)
 
 
 class TestClocks:

@@ -22,7 +22,15 @@ from hypothesis import strategies as st
 from test_plugins import install
 
 import hapfmt
-from hapfmt import Calibration, ClockObservation, Event, LimitError, ParameterError, Settings
+from hapfmt import (
+    Calibration,
+    ClockMap,
+    ClockObservation,
+    Event,
+    LimitError,
+    ParameterError,
+    Settings,
+)
 from hapfmt.cli import cli
 from hapfmt.convert.formats import formats
 from hapfmt.convert.tables import Import, ImportBlock, ImportColumn, ImportTable
@@ -95,6 +103,7 @@ def imports(draw) -> Import:
         ),
         notes=("images of topic /camera are not read",),
         clocks=(ClockObservation("robot", labels[-1], 5, 10**9, 3),),
+        clock_maps=(ClockMap("wall", labels[0], ((0, 10), (5, 10**9))),),
     )
 
 
@@ -129,8 +138,9 @@ class TestLossless:
             else:
                 bits = one.samples().view(np.int64), other.samples().view(np.int64)
                 assert np.array_equal(*bits)
-        for name in ("metadata", "attachments", "events", "clocks", "epoch_ns"):
+        for name in ("metadata", "attachments", "events", "clocks", "clock_maps", "epoch_ns"):
             assert getattr(back, name) == getattr(at_once, name), name
+        assert len(back.clocks) == len(back.clock_maps) == 1
 
     @pytest.mark.parametrize("dtype", COUNTS)
     @pytest.mark.parametrize("large", [False, True])

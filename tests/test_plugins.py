@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -52,11 +53,14 @@ class TestThePage:
     @pytest.fixture
     def glove(self, tmp_path: Path) -> Path:
         pytest.importorskip("setuptools", reason="builds the package")
-        toml, code, made = (b.body for b in blocks(PAGE) if b.kind in ("toml", "python"))
+        toml, code, made, *_, writer = (
+            b.body for b in blocks(PAGE) if b.kind in ("toml", "python")
+        )
         folder = tmp_path / "glove"
         folder.mkdir()
         (folder / "pyproject.toml").write_text(toml)
-        (folder / "hapfmt_glove.py").write_text(code)
+        both = code.replace('"hapfmt_glove",', '"hapfmt_glove", writes=True,')
+        (folder / "hapfmt_glove.py").write_text(f"{both}\n\n{writer}")
         built = "from setuptools import setup; setup()"
         subprocess.run(
             [sys.executable, "-c", built, "-q", "egg_info"], cwd=folder, check=True,
@@ -72,9 +76,10 @@ class TestThePage:
         os.chdir(before)
 
     def test_it_is_thirty_lines(self):
-        [code, _] = (b.body for b in blocks(PAGE) if b.kind == "python")
-        written = [line for line in code.splitlines() if line and "import" not in line]
-        assert len(written) <= 30
+        code, *_, writer = (b.body for b in blocks(PAGE) if b.kind == "python")
+        for text, most in ((code, 30), (writer, 11)):
+            written = [line for line in text.splitlines() if line and "import" not in line]
+            assert len(written) <= most
 
     def test_inspect_and_encode(self, glove: Path, tmp_path: Path):
         [shown] = (b.body for b in blocks(PAGE) if b.kind == "text")
@@ -93,9 +98,43 @@ class TestThePage:
             assert done.returncode == 0, done.stderr
             assert np.array_equal([c.counts for c in hapfmt.read(tmp_path / "b.hapf")], expected)
         done = hapfmt_in(tmp_path, "inspect", "--formats", path=glove)
-        assert re.search(r"^glove +\.glv +yes +no", done.stdout, re.M)
+        assert re.search(r"^glove +\.glv +yes +yes", done.stdout, re.M)
         done = hapfmt_in(tmp_path, "convert", "grasp.glv", "g.npz", path=glove)
         assert done.returncode == 0 and len(hapfmt.read(tmp_path / "g.npz")) == 2
+        done = hapfmt_in(tmp_path, "convert", "grasp.hapf", "back.glv", path=glove)
+        assert done.returncode == 0 and "units and events are not kept" in done.stderr
+        given, found = ((tmp_path / f"{x}.glv").read_bytes() for x in ("grasp", "back"))
+        assert found.split(b"\n", 2)[2] == given.split(b"\n", 2)[2]
+        hapfmt.write(np.full((2, 9), 33.0), tmp_path / "far.hapf", rate=10, units="N")
+        done = hapfmt_in(tmp_path, "convert", "far.hapf", "far.glv", path=glove)
+        assert done.returncode == 1 and "up to 32.767 N" in done.stderr
+        assert not (tmp_path / "far.glv").exists()
+
+    @pytest.mark.deep
+    def test_pip_installs_it(self, glove: Path, tmp_path: Path):
+        if not any(map(find_spec, ("setuptools.command.bdist_wheel", "wheel"))):
+            pytest.skip("setuptools 70.1 or later, or wheel, makes a package that pip installs")
+        pytest.importorskip("pip", reason="installs the package")
+        site = tmp_path / "site"
+        words = "install -q --no-deps --no-build-isolation --no-index --no-cache-dir --target"
+        subprocess.run(
+            [sys.executable, "-m", "pip", *words.split(), str(site), str(glove)], check=True,
+            capture_output=True, env={**os.environ, "PIP_DISABLE_PIP_VERSION_CHECK": "1"},
+        )  # fmt: skip
+        assert {"hapfmt_glove.py"} < {path.name for path in site.iterdir()}
+        done = hapfmt_in(tmp_path, "inspect", "grasp.glv", path=site)
+        assert done.returncode == 0 and "Glove: 2 channels in 1 table" in done.stdout
+        for words in (
+            "encode grasp.glv a.hapf",
+            "convert grasp.glv b.hapf",
+            "convert grasp.glv c.npz",
+        ):
+            done = hapfmt_in(tmp_path, *words.split(), path=site)
+            assert done.returncode == 0, done.stderr
+            back = hapfmt.read(tmp_path / words.split()[-1])
+            assert back.labels == ["thumb", "index"] and back.sample_count == 3000
+        done = hapfmt_in(tmp_path, "inspect", "grasp.glv", path=tmp_path)
+        assert done.returncode == 1 and "Glove" not in done.stdout
 
     def test_files_with_faults(self, glove: Path, tmp_path: Path):
         for data in (b"GLOVE1\n", b"GLOVE1\n{}\n", b"GLOVE1\n[", b"GLOVE1\n\xff\n"):

@@ -61,7 +61,7 @@ def fresh(request):
     if "server" in request.fixturenames:
         server = request.getfixturevalue("server")
         server.asked.clear()
-        server.status, server.cut = None, 0
+        server.status, server.cut, server.heads = None, 0, 0
 
 
 def size_of(data: bytes, kinds: str) -> int:
@@ -94,7 +94,7 @@ class TestBytes:
             found = reader.read("taxel 77", start=60, stop=61)
         assert found.channels[0].gaps == ()
         assert len(server.asked) - requests <= 2
-        assert server.sent - opened <= 2 * remote.BLOCK
+        assert server.sent - opened <= 100_000
         expected = Reader(wide).read("taxel 77").channels[0].stored[60_000:61_000]
         assert np.array_equal(found.channels[0].stored, expected)
 
@@ -106,16 +106,16 @@ class TestBytes:
             assert len(server.asked) == requests
 
     def test_all_of_it(self, server, wide):
-        """Block by block, and each byte once, but for the last block: opening reads it first."""
+        """More and more at once, and each byte once."""
         with Reader(server.url("wide.hapf"), scan=True) as reader:
             assert reader.findings == []
-        assert len(server.asked) <= len(wide) / remote.BLOCK + 2
+        assert len(server.asked) <= len(wide) / remote.AHEAD + 12
         assert server.sent <= len(wide) + remote.BLOCK
 
     def test_the_cache_is_bounded(self, server, wide):
         with Reader(server.url("wide.hapf"), scan=True) as reader:
-            kept = reader.source.stream.cache.cache_info()
-            assert 0 < kept.currsize * remote.BLOCK <= remote.CACHE < len(wide) / 4
+            kept = sum(map(len, reader.source.blocks.values()))
+            assert 0 < kept <= remote.CACHE < len(wide) / 4
 
     @pytest.mark.parametrize(
         "seed", [*range(5), *(pytest.param(seed, marks=pytest.mark.deep) for seed in range(5, 20))]
@@ -134,7 +134,7 @@ def test_info_loads_no_numbers_and_reads_little(server, wide):
     assert found.exit_code == 0
     assert json.loads(found.stdout)["file_size"] == len(wide)
     assert len(server.asked) <= 2
-    assert server.sent <= 2 * remote.BLOCK < len(wide) / 30
+    assert server.sent <= 100_000 < len(wide) / 30
 
 
 @pytest.mark.parametrize("verb", ["info", "verify", "du", "dump", "decode"])
@@ -154,6 +154,111 @@ def test_other_kinds_of_url(tmp_path):
     for url in ("memory://a.hapf", f"zip://deep/a.hapf::{packed}", f"file://{tmp_path}/a.hapf"):
         assert verify(url).verdict == "intact"
         assert len(hapfmt.read(url, start=0, stop=1).channels) == 1
+
+
+class TestChanged:
+    """A file that changes while it is read is an error, never a mixture."""
+
+    @pytest.mark.parametrize("etags", [True, False])
+    def test_by_http(self, wide, etags):
+        """Without an ETag or a time, the size tells."""
+        other = bytearray(wide)
+        other[len(wide) // 2] ^= 1
+        with serving({"a.hapf": wide}) as server:
+            server.etags = etags
+            with Reader(server.url("a.hapf")) as reader:
+                expected = reader.read("taxel 3", start=10, stop=11)
+                server.files["a.hapf"] = bytes(other) if etags else wide + b"\0"
+                assert same(reader.read("taxel 3", start=10, stop=11), expected)
+                with pytest.raises(OSError, match=r"changed while it was read.*a.hapf"):
+                    reader.read("taxel 3", start=90, stop=91)
+                assert reader.findings == []
+                server.files["a.hapf"] = wide[: len(wide) // 4]
+                with pytest.raises(OSError, match="changed while it was read"):
+                    reader.read("taxel 3", start=90, stop=91)
+                server.files["a.hapf"] = wide
+                reader.read("taxel 3", start=90, stop=91)
+
+    def test_while_it_is_opened(self, wide):
+        with serving({"a.hapf": wide}) as server:
+            ask = server.asked.append
+
+            def change(asked):
+                ask(asked)
+                server.files["a.hapf"] = wide[:-1000]
+
+            server.asked = Watched(change)
+            with pytest.raises(OSError, match="changed while it was read"):
+                Reader(server.url("a.hapf"))
+
+    def test_in_other_file_systems(self, wide):
+        files = fsspec.filesystem("memory")
+        files.pipe("/changing.hapf", wide)
+        with Reader("memory://changing.hapf") as reader:
+            reader.read("taxel 3", start=10, stop=11)
+            files.pipe("/changing.hapf", wide)
+            with pytest.raises(OSError, match="changed while it was read"):
+                reader.read("taxel 3", start=90, stop=91)
+
+    def test_between_two_openings(self):
+        """Workers open a file again: it has to be the same one."""
+        xarray = pytest.importorskip("xarray", reason="needs the extra 'xarray'")
+        with serving({"a.hapf": file_of(0)}) as server:
+            data = xarray.open_dataset(server.url("a.hapf"))
+            data.close()
+            server.files["a.hapf"] = file_of(1)
+            with pytest.raises(OSError, match="changed after it was opened"):
+                data.load()
+            data.close()
+
+    @pytest.mark.deep
+    def test_in_s3(self, wide, monkeypatch):
+        pytest.importorskip("s3fs", reason="s3 needs s3fs")
+        moto = pytest.importorskip("moto.server", reason="the server of S3 is moto's")
+        server = moto.ThreadedMotoServer(port=0, verbose=False)
+        server.start()
+        try:
+            address, port = server.get_host_and_port()
+            for name, value in (
+                ("AWS_ENDPOINT_URL", f"http://{address}:{port}"),
+                ("AWS_ACCESS_KEY_ID", "me"),
+                ("AWS_SECRET_ACCESS_KEY", "me"),
+                ("AWS_DEFAULT_REGION", "us-east-1"),
+            ):
+                monkeypatch.setenv(name, value)
+            files = fsspec.filesystem("s3", skip_instance_cache=True)
+            files.mkdir("touch")
+            files.pipe("touch/a.hapf", wide)
+            with Reader("s3://touch/a.hapf") as reader:
+                found = reader.read("taxel 3", start=10, stop=11)
+                assert same(found, Reader(wide).read("taxel 3", start=10, stop=11))
+                other = bytearray(wide)
+                other[len(wide) // 2] ^= 1
+                files.pipe("touch/a.hapf", bytes(other))
+                with pytest.raises(OSError, match="changed while it was read"):
+                    reader.read("taxel 3", start=90, stop=91)
+                assert reader.findings == []
+            with pytest.raises(FileNotFoundError):
+                Reader("s3://touch/nothing.hapf")
+        finally:
+            server.stop()
+
+
+class Watched(list):
+    def __init__(self, change):
+        super().__init__()
+        self.append = change
+
+
+def file_of(value: float) -> bytes:
+    out = io.BytesIO()
+    hapfmt.write(np.full(100, value), out, rate=100)
+    return out.getvalue()
+
+
+def test_an_empty_file():
+    with serving({"a.hapf": b""}) as server, pytest.raises(hapfmt.FormatError):
+        hapfmt.read(server.url("a.hapf"))
 
 
 class TestFailures:

@@ -88,19 +88,45 @@ def test_ours_are_checked_too(sand, monkeypatch):
         sizes.ours(sand, "near-lossless 0.1%")
 
 
+ROWS = [
+    sizes.Row("sand", 1, 800, {"FLAC": 100, "lossless": 50}),
+    sizes.Row("a/x", 3, 800, {"FLAC": 100, "lossless": 100}),
+    sizes.Row("a/y", 5, 800, {"FLAC": 400, "lossless": 25}),
+    sizes.Row("b", 1, 800, {"FLAC": None, "lossless": 200}),
+]
+
+
 def test_table():
-    rows = [
-        sizes.Row("a/x", 3, 800, {"FLAC": 100, "lossless": 100}),
-        sizes.Row("a/y", 5, 800, {"FLAC": 400, "lossless": 25}),
-        sizes.Row("b", 1, 800, {"FLAC": None, "lossless": 200}),
-    ]
-    assert sizes.markdown(rows).split("\n") == [
+    assert sizes.markdown(ROWS).split("\n") == [
         "| recording | channels | FLAC | lossless |",
         "|---|--:|--:|--:|",
+        "| sand | 1 | 8.0 | 16.0 |",
         "| a (2) | 3-5 | 4.0 | 16.0 |",
         "| b | 1 | - | 4.0 |",
-        "| geometric mean (3) | | - | 10.1 |",
+        "| 3 recordings | 1-5 | - | 10.1 |",
     ]
+
+
+def test_readme():
+    text = (
+        "# x\n\n| recording | old |\n|---|--:|\n| sand | 1 |\n\nText. Measured at commit 1\non a\n"
+        "machine.\n\n## More\n"
+    )
+    assert sizes.readme(text, sizes.markdown(ROWS), sizes.measured_at()).split("\n")[:9] == [
+        "# x", "",
+        "| recording | channels | FLAC | lossless |",
+        "|---|--:|--:|--:|",
+        "| sand | 1 | 8.0 | 16.0 |",
+        "| 3 recordings | 1-5 | - | 10.1 |",
+        "",
+        f"Text. Measured at commit {sizes.commit(ROOT)} on {sizes.machine()}.", "",
+    ]  # fmt: skip
+
+
+def test_the_readme_has_every_column():
+    text = (ROOT / "README.md").read_text("utf-8")
+    assert f"{sizes.head([*sizes.PEERS, *sizes.OURS])}\n| sand | 1 |" in text
+    assert set(sizes.RECIPES) == set(sizes.PEERS)
 
 
 def test_linked_folders_are_followed_once(tmp_path):

@@ -1,28 +1,32 @@
 """The README's table of sizes: this format and what a laboratory would use otherwise.
 
-python tools/sizes.py [DATA]      a folder of recordings, or one; default: simulated scenes
+python tools/sizes.py [DATA]      simulated scenes, and a folder of recordings if there is one
+python tools/sizes.py --write     put the table into README.md
 
-Prints Markdown: how many times smaller than float64 (8 bytes a sample) each whole file is. Every
-lossless file is decoded and compared bit for bit; near-lossless is held against its error bound.
+Prints Markdown: how many times smaller than float64 (8 bytes a sample) each whole file is. The
+other libraries write their usual layout. Every lossless file is decoded and compared bit for bit;
+near-lossless is held against its error bound.
 """
 
 from __future__ import annotations
 
 import io
 import json
+import re
 import struct
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
-import installed  # noqa: F401
+from installed import ROOT, commit
 
 import click
 import numpy as np
 from bench import counts_of, load_all
-from measured import origin
+from measured import DATA, machine, origin
 from numpy.typing import NDArray
 from peers.exact import flac_decode, flac_encode, narrow, unzstd, zstd
 from peers.packages import installed as has
@@ -46,6 +50,10 @@ RECIPES = {
     "counts a recording does not fit: -.",
     "HDF5 + gzip": f"one file, one dataset a channel, shuffle and gzip {GZIP_LEVEL}; counts as the "
     "narrowest integers, else float64.",
+    "Parquet + zstd": "one table for each rate: a column of time stamps and one a channel, as "
+    "pyarrow writes them with compression zstd; counts as the narrowest integers, else float64.",
+    "MAT v7": "one variable a channel, by savemat with do_compression; counts as the narrowest "
+    "integers, else float64.",
     "zstd": "level 19, all channels in one stream; counts as the narrowest integers, else float64.",
     "MCAP + zstd": "one message a tick for all channels of a rate: CDR, time stamp and float64[], "
     "in chunks of 1 MiB, as a robot's recorder writes it.",
@@ -99,6 +107,56 @@ def hdf5(recording: hapfmt.Recording) -> int:
             data.attrs.update(label=channel.label, unit=channel.unit, rate=float(channel.rate))
     with h5py.File(io.BytesIO(stream.getvalue())) as file:
         check("HDF5", arrays, [file[name][()] for name in sorted(file)])
+    return len(stream.getvalue())
+
+
+def tables_of(recording: hapfmt.Recording) -> list[list[int]]:
+    """Numbers of the channels that share their times."""
+    groups: dict[object, list[int]] = {}
+    for place, channel in enumerate(recording.channels):
+        groups.setdefault((channel.rate_exact, channel.coverage), []).append(place)
+    return list(groups.values())
+
+
+def times_ns(channel: hapfmt.Channel) -> Array:
+    ticks = np.concatenate([np.arange(span.start, span.stop) for span in channel.coverage])
+    rate = channel.rate_exact
+    return np.array([tick * 10**9 * rate.denominator // rate.numerator for tick in ticks.tolist()])
+
+
+def parquet(recording: hapfmt.Recording) -> int:
+    pyarrow, pq, size = module("pyarrow"), module("pyarrow.parquet"), 0
+    arrays = arrays_of(recording)
+    for places in tables_of(recording):
+        stamps = times_ns(recording.channels[places[0]])
+        columns = {"timestamp": pyarrow.array(stamps, pyarrow.timestamp("ns"))}
+        columns.update((f"{place:03d}", pyarrow.array(arrays[place])) for place in places)
+        labels = {f"{place:03d}": recording.channels[place].label for place in places}
+        table = pyarrow.table(columns).replace_schema_metadata({"labels": json.dumps(labels)})
+        stream = io.BytesIO()
+        pq.write_table(table, stream, compression="zstd")
+        back = pq.read_table(io.BytesIO(stream.getvalue()))
+        check("Parquet", [stamps], [back["timestamp"].to_numpy().astype(np.int64)])
+        found = [back[f"{place:03d}"].to_numpy() for place in places]
+        check("Parquet", [arrays[place] for place in places], found)
+        size += len(stream.getvalue())
+    return size
+
+
+def mat(recording: hapfmt.Recording) -> int:
+    matlab, stream, arrays = module("scipy.io"), io.BytesIO(), arrays_of(recording)
+    names = [f"x{place:03d}" for place in range(len(arrays))]
+    about = {
+        "labels": np.array([channel.label for channel in recording.channels], object),
+        "units": np.array([channel.unit for channel in recording.channels], object),
+        "rates": np.array([float(channel.rate) for channel in recording.channels]),
+    }
+    matlab.savemat(
+        stream, {**dict(zip(names, arrays, strict=True)), **about}, do_compression=True,
+        oned_as="column",
+    )  # fmt: skip
+    back = matlab.loadmat(io.BytesIO(stream.getvalue()))
+    check("MAT", arrays, [back[name].reshape(-1) for name in names])
     return len(stream.getvalue())
 
 
@@ -172,6 +230,8 @@ def ours(recording: hapfmt.Recording, preset: str) -> int:
 PEERS: dict[str, tuple[tuple[str, ...], Callable[[hapfmt.Recording], int | None]]] = {
     "FLAC": (("soundfile",), flac),
     "HDF5 + gzip": (("h5py",), hdf5),
+    "Parquet + zstd": (("pyarrow", "pyarrow.parquet"), parquet),
+    "MAT v7": (("scipy.io",), mat),
     "zstd": (("zstandard",), zstandard),
     "MCAP + zstd": (("mcap", "zstandard"), mcap),
 }
@@ -210,40 +270,59 @@ def by_folder(rows: Sequence[Row]) -> dict[str, list[Row]]:
     return groups
 
 
+def head(coders: Sequence[str]) -> str:
+    return f"| recording | channels | {' | '.join(coders)} |\n|---|{'--:|' * (len(coders) + 1)}"
+
+
+def line(name: str, rows: Sequence[Row], coders: Sequence[str]) -> str:
+    """Geometric means; - where one of the recordings does not fit."""
+    cells = []
+    for coder in coders:
+        sizes = [row.sizes.get(coder) for row in rows]
+        ratios = [row.float64 / size for row, size in zip(rows, sizes, strict=True) if size]
+        cells.append(f"{mean(ratios):.1f}" if len(ratios) == len(rows) else "-")
+    counts = sorted({row.channels for row in rows})
+    channels = f"{counts[0]}-{counts[-1]}" if len(counts) > 1 else f"{counts[0]}"
+    return f"| {name} | {channels} | {' | '.join(cells)} |"
+
+
 def markdown(rows: Sequence[Row]) -> str:
-    """One line a folder or scene, geometric means; the last line of all recordings."""
+    """One line a folder or scene, and one of all recordings that were not simulated."""
     coders = list(dict.fromkeys(coder for row in rows for coder in row.sizes))
-    groups = by_folder(rows)
-
-    def cells(members: Sequence[Row]) -> list[str]:
-        found = []
-        for coder in coders:
-            sizes = [row.sizes.get(coder) for row in members]
-            ratios = [row.float64 / size for row, size in zip(members, sizes, strict=True) if size]
-            found.append(f"{mean(ratios):.1f}" if len(ratios) == len(members) else "-")
-        return found
-
-    lines = [f"| recording | channels | {' | '.join(coders)} |",
-             f"|---|{'--:|' * (len(coders) + 1)}"]  # fmt: skip
-    for name, members in groups.items():
+    lines = [head(coders)]
+    for name, members in by_folder(rows).items():
         several = f" ({len(members)})" if len(members) > 1 else ""
-        counts = sorted({row.channels for row in members})
-        channels = f"{counts[0]}-{counts[-1]}" if len(counts) > 1 else f"{counts[0]}"
-        lines.append(f"| {name}{several} | {channels} | {' | '.join(cells(members))} |")
-    if len(groups) > 1:
-        lines.append(f"| geometric mean ({len(rows)}) | | {' | '.join(cells(rows))} |")
+        lines.append(line(f"{name}{several}", members, coders))
+    recorded = [row for row in rows if row.name not in SCENES]
+    if len(recorded) > 1:
+        lines.append(line(f"{len(recorded)} recordings", recorded, coders))
     return "\n".join(lines)
 
 
+def measured_at() -> str:
+    return f"Measured at commit {commit(ROOT)} on {machine()}."
+
+
+def readme(text: str, table: str, said: str) -> str:
+    """The README with the lines of the scenes and of all recordings, and what they come from."""
+    first, kept = lambda x: x.split("|")[1].strip(), {"recording", "---", *SCENES}
+    lines = [x for x in table.split("\n") if first(x) in kept or first(x).endswith(" recordings")]
+    text = re.sub(r"\| recording \|.*\n(\|.*\n)+", lambda _: "\n".join(lines) + "\n", text)
+    return re.sub(r"Measured at commit [\s\S]*?(?=\n\n)", lambda _: said, text)
+
+
 @click.command(help=__doc__)
-@click.argument("data", required=False, type=click.Path(exists=True, path_type=Path))
+@click.argument(
+    "data", default=DATA if DATA.exists() else None, required=False,
+    type=click.Path(exists=True, path_type=Path),
+)  # fmt: skip
 @click.option("--seconds", default=SECONDS, help="Length of the simulated scenes.")
 @click.option("--only", default="", help="Recordings whose name contains this.")
-def main(data: Path | None, seconds: float, only: str) -> None:
-    on = origin()
-    found = load_all(data, only, None) if data else scenes(seconds)
+@click.option("--write", "to_readme", is_flag=True, help="Put the table into README.md.")
+def main(data: Path | None, seconds: float, only: str, to_readme: bool) -> None:
+    on, said = origin(), measured_at()
     rows = []
-    for name, recording in found:
+    for name, recording in chain(scenes(seconds), load_all(data, only, None) if data else ()):
         if only not in name or not recording.sample_count:
             continue
         if not all(isfinite(x.sum()) for x in (c.samples() for c in recording.channels)):
@@ -254,9 +333,9 @@ def main(data: Path | None, seconds: float, only: str) -> None:
     if not rows:
         click.echo("No recording could be measured.", err=True)
         sys.exit(1)
-    source = "recordings" if data else f"simulated scenes of {seconds:g} s"
-    print(f"How many times smaller than float64 a whole file is; {source}.\n")
-    print(f"{markdown(rows)}\n")
+    table = markdown(rows)
+    print(f"How many times smaller than float64 a whole file is; scenes of {seconds:g} s.\n")
+    print(f"{table}\n")
     for coder, recipe in RECIPES.items():
         print(f"* {coder}: {recipe}")
     print("\nBelow 1 a file is larger than float64. Every lossless file was decoded and compared")
@@ -264,6 +343,9 @@ def main(data: Path | None, seconds: float, only: str) -> None:
     print(f"{on}; {', '.join(f'{name} {version}' for name, version in versions().items())}.")
     if missing := left_out():
         print(f"Not installed: {', '.join(missing)}.")
+    if to_readme:
+        page = ROOT / "README.md"
+        page.write_text(readme(page.read_text("utf-8"), table, said), "utf-8")
 
 
 if __name__ == "__main__":

@@ -44,6 +44,9 @@ SECTIONS = {
         "meta": "Show or set metadata",
         "recover": "Save what a damaged file still contains",
     },
+    "Many files": {
+        "archive": "Encode, check, search and deposit whole folders",
+    },
     "Record and replay": {
         "record": "Record samples from another program",
         "replay": "Play a recording on a haptic device",

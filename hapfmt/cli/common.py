@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
-from ..errors import DAMAGED, UNSUPPORTED, LimitError, ParameterError, channels_called
+from ..errors import DAMAGED, UNSUPPORTED, ParameterError, channels_called
 from ..files import refuse
 from ..format.wire import FILE_ID_LIMIT
 from ..limits import Limits
@@ -30,7 +30,6 @@ from ..units import units_for
 from .screen import JOINED, closed, complain, note, raw, say, terminal_text, width_of
 
 if TYPE_CHECKING:
-    from ..convert.formats import ReadOptions
     from ..convert.tables import Import
     from ..edit import Edited, Original
     from ..encoder.settings import Tolerance
@@ -314,6 +313,12 @@ _IMPORT_OPTIONS = (
     ),
 )
 IMPORT_NAMES = ("rate", "transpose", "select", "clock", "episode", "map", "keep_stamps")
+fps_option = click.option(
+    "--fps",
+    metavar="N",
+    help="Frames per second of a LeRobot dataset; each frame has a window of samples. [the rate of "
+    "the channels]",
+)
 unit_option = click.option(
     "--unit",
     metavar="UNIT",
@@ -462,6 +467,7 @@ def opened_input(
     block. ``whole`` names what needs all of it in memory, if anything does."""
     from ..convert import opened
     from ..convert.tables import Import
+    from ..writing.importing import read_if_small
 
     if suffix_of(name, format_) == HAPF:
         yield load_recording(name, format_, limits, labels=labels, unit=unit, **given)
@@ -483,24 +489,6 @@ def opened_input(
                 yield relabelled(kept, labels, unit), 0
             else:
                 yield described(kept, labels, unit), 0
-
-
-def read_if_small(
-    found: Recording | Import, options: ReadOptions, limits: Limits, whole: str
-) -> Recording | Import:
-    from ..convert.tables import Import
-    from ..writing.importing import STREAMED
-
-    if not isinstance(found, Import):
-        return found
-    if not whole and found.size > min(STREAMED, limits.memory or STREAMED):
-        return found
-    try:
-        return found.recording(options.max_memory, options.progress)
-    except LimitError as error:
-        if not whole:
-            raise
-        raise LimitError(f"{whole} needs the whole recording, and {error.message}") from None
 
 
 def asked_of(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -555,6 +543,7 @@ def save_recording(
     limits: Limits | None = None,
     **given: Any,
 ) -> None:
+    """``given``: options of the format, as ``hapfmt.save`` takes them."""
     from ..convert import save
 
     target = output_of(name, text=suffix_of(name, format_) == CSV)
@@ -573,7 +562,10 @@ def save_recording(
 def tell_written(target: str, words: str) -> None:
     """Reports on a terminal that the work is done; a pipe or a program gets nothing."""
     if target != "-" and width_of() is not None:
-        say(f"{target}: {words}, {Path(target).stat().st_size} bytes")
+        path = Path(target)
+        files = path.rglob("*") if path.is_dir() else [path]
+        size = sum(each.stat().st_size for each in files if each.is_file())
+        say(f"{target}: {words}, {size} bytes")
 
 
 def contents(found: Recording | Import) -> str:

@@ -13,6 +13,7 @@ from .common import (
     contents,
     echo_json,
     force_option,
+    fps_option,
     import_options,
     input_format_option,
     json_option,
@@ -48,6 +49,7 @@ from .screen import Verb
     type=click.Choice(["ros2", "json"]),
     help="Messages of an .mcap output: those of ROS 2, or JSON. [ros2]",
 )
+@fps_option
 @memory_option
 @force_option
 @json_option
@@ -59,6 +61,7 @@ def convert(
     input_format: str | None,
     output_format: str | None,
     schema: str | None,
+    fps: str | None,
     force: bool,
     as_json: bool,
     max_memory: Limits,
@@ -82,8 +85,9 @@ def convert(
         raise ParameterError("both are .hapf: copy the file, or use hapfmt encode")
     suffix = suffix_of(target, output_format)
     if suffix == HAPF:
-        if schema is not None:
-            raise ParameterError(".hapf files do not use schema")
+        for name, value in (("schema", schema), ("fps", fps)):
+            if value is not None:
+                raise ParameterError(f".hapf files do not use {name}")
         refuse_target(target, force)
     else:
         refuse_output(target, output_format, force)
@@ -97,7 +101,9 @@ def convert(
                 with progress("encoding") as advance:
                     write(found, output_of(target), Settings(), force=force, progress=advance)
             else:
-                save_recording(found, target, output_format, force, max_memory, schema=schema)
+                save_recording(
+                    found, target, output_format, force, max_memory, schema=schema, fps=fps
+                )
             count, written = found.sample_count, contents(found)
             notes = notes_of(found)
         else:

@@ -208,95 +208,119 @@ def near_lossless_ratio(recording: Recording) -> float:
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
+_PRESET_OPTIONS = (
+    click.option(
+        "--preset",
+        type=PresetType(["lossless", "near-lossless", "perceptual", "paper"]),
+        default="lossless",
+        show_default=True,
+        help="lossless: every bit as it was recorded. "
+        "near-lossless: no sample is further off than --max-error. "
+        "perceptual: leaves out what cannot be felt. Forces, torques, pressures, accelerations and "
+        "velocities keep Weber's deadband in the slow part, and their texture to --snr; all other "
+        "channels are near-lossless; clocks, counters and states are lossless. "
+        "paper: the method of Brandi, Chaudhari and Steinbach. Their online deadband of the whole "
+        "signal is: --bits 0 --interpolation hold, with a --cutoff above half the rate.",
+    ),
+    click.option(
+        "--max-error",
+        type=AmountType(),
+        metavar="AMOUNT",
+        help="near-lossless, perceptual: largest error in all: 0.1% of the channel's range, 0.01 "
+        "in its unit, 10mN, 2lsb [0.1%].",
+    ),
+    click.option(
+        "--fast",
+        is_flag=True,
+        default=None,
+        help="lossless: integer channels encode up to nine times as fast, files are larger.",
+    ),
+    click.option(
+        "--k",
+        "k",
+        type=ShareType(),
+        help="perceptual, paper: Weber fraction of the deadband [10%].",
+    ),
+    click.option(
+        "--floor",
+        type=AmountType(),
+        metavar="AMOUNT",
+        help="perceptual, paper: absolute threshold of the deadband [0.2% of the range; paper: "
+        "10mN for forces].",
+    ),
+    click.option(
+        "--felt",
+        multiple=True,
+        metavar="CHANNEL|all",
+        help="perceptual: a channel that is felt too, by label or number; or all. May be repeated.",
+    ),
+    click.option(
+        "--no-texture",
+        "texture",
+        flag_value=False,
+        default=None,
+        help="perceptual: keep the deadband alone.",
+    ),
+    click.option(
+        "--snr",
+        type=float,
+        metavar="DB",
+        help="perceptual: quality of the texture, its power over that of the error [20, or errors "
+        "below --floor].",
+    ),
+    click.option(
+        "--bits",
+        type=BitsType(),
+        help="paper: bits of the residual's quantiser, 2 to 16, step from its range; 0: no "
+        "residual [5].",
+    ),
+    click.option(
+        "--step", type=AmountType(), metavar="AMOUNT", help="paper: step of the residual."
+    ),
+    click.option(
+        "--cutoff",
+        "cutoff_hz",
+        type=float,
+        help="perceptual, paper: split between slow part and texture, Hz [20].",
+    ),
+    click.option(
+        "--cluster",
+        type=FractionType(),
+        help="Length of a cluster in seconds [10; up to 120 at slow rates].",
+    ),
+    click.option(
+        "--tolerance",
+        type=AmountType(),
+        metavar="AMOUNT",
+        help="For experts: how far the grid of floating point channels may be from the values, "
+        "within the error that the preset allows.",
+    ),
+    click.option(
+        "--interpolation",
+        type=click.Choice(["linear", "hold"]),
+        help="paper: how knots are joined [linear].",
+    ),
+    click.option(
+        "--references/--no-references",
+        default=None,
+        help="All but paper: channels that resemble each other may share a track and be predicted "
+        "from each other; a lost packet then takes all of them along [on].",
+    ),
+    click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track."),
+)
+
+
+def preset_options(command: Any) -> Any:
+    """Options that choose the encoding, but for those of one recording alone."""
+    for option in reversed(_PRESET_OPTIONS):
+        command = option(command)
+    return command
+
+
 @click.command(cls=Verb)
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
-@click.option(
-    "--preset",
-    type=PresetType(["lossless", "near-lossless", "perceptual", "paper"]),
-    default="lossless",
-    show_default=True,
-    help="lossless: every bit as it was recorded. "
-    "near-lossless: no sample is further off than --max-error. "
-    "perceptual: leaves out what cannot be felt. Forces, torques, pressures, accelerations and "
-    "velocities keep Weber's deadband in the slow part, and their texture to --snr; all other "
-    "channels are near-lossless; clocks, counters and states are lossless. "
-    "paper: the method of Brandi, Chaudhari and Steinbach. Their online deadband of the whole "
-    "signal is: --bits 0 --interpolation hold, with a --cutoff above half the rate.",
-)
-@click.option(
-    "--max-error",
-    type=AmountType(),
-    metavar="AMOUNT",
-    help="near-lossless, perceptual: largest error in all: 0.1% of the channel's range, 0.01 in "
-    "its unit, 10mN, 2lsb [0.1%].",
-)
-@click.option(
-    "--fast",
-    is_flag=True,
-    default=None,
-    help="lossless: integer channels encode up to nine times as fast, files are larger.",
-)
-@click.option(
-    "--k", "k", type=ShareType(), help="perceptual, paper: Weber fraction of the deadband [10%]."
-)
-@click.option(
-    "--floor",
-    type=AmountType(),
-    metavar="AMOUNT",
-    help="perceptual, paper: absolute threshold of the deadband [0.2% of the range; paper: 10mN "
-    "for forces].",
-)
-@click.option(
-    "--felt",
-    multiple=True,
-    metavar="CHANNEL|all",
-    help="perceptual: a channel that is felt too, by label or number; or all. May be repeated.",
-)
-@click.option(
-    "--no-texture",
-    "texture",
-    flag_value=False,
-    default=None,
-    help="perceptual: keep the deadband alone.",
-)
-@click.option(
-    "--snr",
-    type=float,
-    metavar="DB",
-    help="perceptual: quality of the texture, its power over that of the error [20, or errors "
-    "below --floor].",
-)
-@click.option(
-    "--bits",
-    type=BitsType(),
-    help="paper: bits of the residual's quantiser, 2 to 16, step from its range; 0: no residual "
-    "[5].",
-)
-@click.option("--step", type=AmountType(), metavar="AMOUNT", help="paper: step of the residual.")
-@click.option(
-    "--cutoff",
-    "cutoff_hz",
-    type=float,
-    help="perceptual, paper: split between slow part and texture, Hz [20].",
-)
-@click.option(
-    "--cluster",
-    type=FractionType(),
-    help="Length of a cluster in seconds [10; up to 120 at slow rates].",
-)
-@click.option(
-    "--tolerance",
-    type=AmountType(),
-    metavar="AMOUNT",
-    help="For experts: how far the grid of floating point channels may be from the values, within "
-    "the error that the preset allows.",
-)
-@click.option(
-    "--interpolation",
-    type=click.Choice(["linear", "hold"]),
-    help="paper: how knots are joined [linear].",
-)
+@preset_options
 @click.option(
     "--vector",
     "vectors",
@@ -305,13 +329,6 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
     help="perceptual --no-texture, paper: channels that are the axes of one vector, by label or "
     "number: one deadband on their norm. May be given several times.",
 )
-@click.option(
-    "--references/--no-references",
-    default=None,
-    help="All but paper: channels that resemble each other may share a track and be predicted "
-    "from each other; a lost packet then takes all of them along [on].",
-)
-@click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track.")
 @import_options
 @labels_option
 @unit_option

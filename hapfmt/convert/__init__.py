@@ -116,6 +116,7 @@ def read(
     OSError.
     """
     from ..limits import Limits
+    from .tables import Import
 
     if start is not None or stop is not None:
         from ..recording import check_seconds
@@ -137,7 +138,10 @@ def read(
         if band != "full":
             raise ParameterError(f"a {chosen.title} file has no bands")
         options = _options(chosen, given, limits, progress)
-        recording = _recording(chosen, source, options)
+        found = _found(chosen, source, options)
+        recording = (
+            found.recording(options.max_memory, progress) if isinstance(found, Import) else found
+        )
         if channels is None and start is None and stop is None:
             return recording
         return recording.sel(channels, start, stop)
@@ -200,15 +204,6 @@ def _hapf(file: Any, source: Source, given: dict[str, Any], *parts: Any, **more:
     return read_hapf(file if is_name else source.stream, *parts, **more)
 
 
-def _recording(chosen: Format, source: Source, options: ReadOptions) -> Recording:
-    from .tables import Import
-
-    found = _found(chosen, source, options)
-    if isinstance(found, Import):
-        return found.recording(options.max_memory, options.progress)
-    return found
-
-
 def _found(chosen: Format, source: Source, options: ReadOptions) -> Recording | Import:
     """What the format's reader says of the file."""
     from ..recording import Recording
@@ -220,7 +215,9 @@ def _found(chosen: Format, source: Source, options: ReadOptions) -> Recording | 
             return found if chosen in OURS else replace(found, blocks=_guarded(chosen, found))
         if not isinstance(found, Recording):
             raise TypeError(f"read returned {type(found).__name__}, not a Recording or an Import")
-    return _selected(chosen, found, options)
+    if options.select and "select" not in chosen.options:
+        return found.sel(list(options.select))  # there is nothing else to choose from
+    return found
 
 
 def _guarded(chosen: Format, found: Import) -> Callable[[], Iterator[ImportBlock]]:
@@ -264,13 +261,6 @@ def _plug_in(chosen: Format) -> Iterator[None]:
         raise ParameterError(
             f"the plug-in for {chosen.title} files failed: {type(error).__name__}: {reason}"
         ) from error
-
-
-def _selected(chosen: Format, recording: Recording, options: ReadOptions) -> Recording:
-    """``select`` chooses among the labels where the format has nothing else to choose from."""
-    if not options.select or "select" in chosen.options:
-        return recording
-    return recording.sel(list(options.select))
 
 
 def _source(file: Any, limits: Limits | None) -> Source:
@@ -349,7 +339,6 @@ def _format_of(source: Source, format: str | None) -> Format | None:
 
 MAGIC = b"\x8fHAP"
 _LOADERS = {
-    ".mat": "scipy.io.loadmat (h5py.File for version 7.3)",
     ".xls": "pandas.read_excel",
     ".xlsx": "pandas.read_excel",
 }
@@ -426,14 +415,15 @@ def _written(path: Path | None, format: str | None) -> Format:
     """The format of a file to be written."""
     if format is not None:
         return named(format)
-    known = " ".join(written_suffixes())
     if path is None:
+        known = " ".join(written_suffixes())
         raise ParameterError(f"a stream has no suffix; give its format: {known}")
     if path.suffix.lower() == HAPF:
         call = f"hapfmt.write(recording, {str(path)!r})"
         raise ParameterError(f"hapfmt encode writes .hapf files; in Python, {call} does")
     found = with_suffix(path.suffix.lower(), written=True)
     if found is None:
+        known = " ".join(written_suffixes())
         raise ParameterError(f"the suffix {path.suffix!r} is not one of: {known}")
     return found
 

@@ -63,9 +63,9 @@ BATCH_SIZE = 1 << 23
 """Bytes of a batch, about, where rows are wide."""
 _DEPTH = 8
 """Levels of structures and lists within each other; deeper ones are left out."""
-_WIDTH = 1 << 14
+WIDTH = 1 << 14
 """Longest list that is read as channels."""
-_EVENTS = 10_000
+EVENTS = 10_000
 """Events that are made of a column of texts, or of rows without a rate."""
 _TEXT_SIZE = 1 << 16
 """Characters of a text that becomes an event."""
@@ -79,7 +79,7 @@ _RATE_KEYS = (
     "rate", "rate_hz", "sampling_rate", "sample_rate", "sampling_frequency", "samplerate", "fs",
     "sfreq", "fps",
 )  # fmt: skip
-_TEXT_KEYS = ("quantity", "axis", "group", "body_site", "device")
+TEXT_KEYS = ("quantity", "axis", "group", "body_site", "device")
 
 
 def arrow(extra: str = "arrow") -> Any:
@@ -123,7 +123,7 @@ class Container(Protocol):
 
 
 class Cells(NamedTuple):
-    """[rows] of one channel; ``missing`` is None where no value is."""
+    """Values, and the places without one; ``missing`` None: all are there."""
 
     values: NDArray[Any]
     missing: NDArray[np.bool_] | None
@@ -160,6 +160,20 @@ class Leaf:
 
     def split(self, batch: Any) -> list[Cells]:
         """The values of a batch, place by place."""
+        wide, lacking = self.wide(batch)
+        found = []
+        for number in range(self.count):
+            own, lacks = wide[:, number], lacking[:, number]
+            if not lacks.any():
+                found.append(Cells(own, None))
+            elif self.is_float:
+                found.append(Cells(np.where(lacks, own.dtype.type(np.nan), own), lacks))
+            else:
+                found.append(Cells(own, lacks))
+        return found
+
+    def wide(self, batch: Any) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """[rows, places] of a batch, and where values are missing."""
         import pyarrow as pa
 
         rows = batch.num_rows
@@ -186,18 +200,7 @@ class Leaf:
         lacking = ~present
         if missing is not None:
             lacking[present] = missing
-        wide = wide.reshape(rows, self.count)
-        lacking = lacking.reshape(rows, self.count)
-        found = []
-        for number in range(self.count):
-            own, lacks = wide[:, number], lacking[:, number]
-            if not lacks.any():
-                found.append(Cells(own, None))
-            elif self.is_float:
-                found.append(Cells(np.where(lacks, own.dtype.type(np.nan), own), lacks))
-            else:
-                found.append(Cells(own, lacks))
-        return found
+        return wide.reshape(rows, self.count), lacking.reshape(rows, self.count)
 
 
 def _storage(array: Any) -> Any:
@@ -309,10 +312,8 @@ class Columns:
         elif (width := self._width(type_, column, fields, shape)) is not None:
             if width == 0:
                 self.notes.append(f"column {name!r} is not read: its lists are empty")
-            elif width * prod(shape) > _WIDTH:
-                self.notes.append(
-                    f"column {name!r} is not read: its lists are longer than {_WIDTH}"
-                )
+            elif width * prod(shape) > WIDTH:
+                self.notes.append(f"column {name!r} is not read: its lists are longer than {WIDTH}")
             else:
                 inner_type = type_.value_type
                 self._add(field, inner_type, column, fields, (*shape, width), metadata)
@@ -397,7 +398,7 @@ def described(leaf: Leaf, place: int, notes: list[str]) -> ImportColumn:
     if leaf.shape:
         label = ".".join([label, *map(str, np.unravel_index(place, leaf.shape))])
     code = unit_of(unit, label, notes)
-    texts = {key: about[key] for key in _TEXT_KEYS if key in about}
+    texts = {key: about[key] for key in TEXT_KEYS if key in about}
     source = unit if unit not in ("", code) else ""
     return replace(ImportColumn(label, code, source_unit=source), **texts)  # type: ignore[arg-type]
 
@@ -759,9 +760,9 @@ def text_events(
                 text = None if code < 0 else encoded.dictionary[code].as_py()
                 if not runs or runs[-1][1] != text:
                     runs.append((rows + edge, text))
-                if len(runs) > _EVENTS or (text is not None and len(text) > _TEXT_SIZE):
+                if len(runs) > EVENTS or (text is not None and len(text) > _TEXT_SIZE):
                     notes.append(
-                        f"column {column!r} of texts is not read: it has more than {_EVENTS} "
+                        f"column {column!r} of texts is not read: it has more than {EVENTS} "
                         f"changes, or texts longer than {_TEXT_SIZE} characters"
                     )
                     return []
@@ -958,7 +959,7 @@ def _as_events(
     notes: list[str],
 ) -> Import:
     """Rows without a rate: one event each, with the values as JSON."""
-    if container.row_count > _EVENTS:
+    if container.row_count > EVENTS:
         raise ParameterError(
             f"column {stamps.column!r} holds {container.row_count} times without a rate; give one "
             "(rate=) to move each row to the nearest tick"
@@ -997,6 +998,7 @@ class Sparse:
     """The samples of a channel by tick: values, and where there are none."""
 
     def __init__(self, channel: Channel, values: NDArray[Any]) -> None:
+        self.dtype = values.dtype
         self._values = values
         self._spans = channel.coverage
         self._starts = [span.start for span in channel.coverage]
@@ -1104,14 +1106,22 @@ def tables_of(
 
 
 def _field_metadata(channel: Channel) -> dict[str, str]:
+    return {**channel_texts(channel), "hapfmt": json.dumps(channel_numbers(channel))}
+
+
+def channel_texts(channel: Channel) -> dict[str, str]:
     about = {"label": channel.label, "unit": channel.unit}
-    about |= {key: text for key in _TEXT_KEYS if (text := getattr(channel, key))}
-    calibration = channel.calibration if channel.exact is None else None
+    return about | {key: text for key in TEXT_KEYS if (text := getattr(channel, key))}
+
+
+def channel_numbers(channel: Channel) -> dict[str, Any]:
+    """What the values of a column need in order to become the samples of a channel again."""
     own: dict[str, Any] = {
         "dtype": str(channel.stored.dtype if channel.exact is None else channel.exact.dtype)
     }
+    calibration = channel.calibration if channel.exact is None else None
     if calibration is not None:
         own["calibration"] = [calibration.a, calibration.b, calibration.d]
     if channel.lsb is not None:
         own["lsb"] = channel.lsb
-    return {**about, "hapfmt": json.dumps(own)}
+    return own

@@ -170,7 +170,7 @@ class _Table:
             stamps, grid = self._stamps, self._grid(len(x), rate)
         notes += grid.notes
         for note in grid.notes:
-            warnings.warn(note, MovedTimesWarning, stacklevel=6)
+            warnings.warn(note, MovedTimesWarning, stacklevel=5)
         if self._lines.comments:
             notes.append(f"comment lines not carried over: {self._lines.comments}")
         named = [split_name(name) for name in self._names[first:]]

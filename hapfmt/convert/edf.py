@@ -101,6 +101,11 @@ def read(source: Source, options: ReadOptions) -> Import:
     the same gaps is a table."""
     stream = source.stream
     header = _header(stream)
+    if header.records and header.record_size > options.max_memory:
+        raise LimitError(
+            f"a record takes {header.record_size} bytes, more than the {options.max_memory} "
+            "allowed; allow more (max_memory=)"
+        )
     notes = list(header.notes)
     marks = [s for s in header.signals if s.label == f"{header.title} Annotations"]
     signals = [s for s in header.signals if s not in marks]

@@ -464,6 +464,22 @@ TDMS = Format(
     magic=((0, b"TDSm"),),
     options=frozenset({"select"}),
 )
+HJIF = Format(
+    name="hjif",
+    title="HJIF",
+    suffixes=(".hjif",),
+    module="hapfmt.convert.hjif",
+    writes=True,
+    options=frozenset({"select"}),
+)
+AHAP = Format(
+    name="ahap",
+    title="AHAP",
+    suffixes=(".ahap",),
+    module="hapfmt.convert.ahap",
+    writes=True,
+    options=frozenset({"select"}),
+)
 EDF = Format(
     name="edf",
     title="EDF",
@@ -500,5 +516,42 @@ FEATHER = Format(
     magic=((0, b"ARROW1"), (0, b"FEA1")),
     options=frozenset({"select", "clock", "keep_stamps"}),
 )
-OURS = (NPZ, NPY, CSV, WAV, MCAP, ROSBAG, ROS2, FLAC, EDF, BDF, XDF, TDMS, PARQUET, FEATHER, HDF5)
+MAT = Format(
+    name="mat",
+    title="MAT",
+    suffixes=(".mat",),
+    module="hapfmt.convert.mat",
+    writes=True,
+    magic=((124, b"\x00\x01IM"), (124, b"\x01\x00MI"), (124, b"\x00\x02IM"), (124, b"\x02\x00MI")),
+    options=HDF5.options,
+)
+LEROBOT = Format(
+    name="lerobot",
+    title="LeRobot",
+    module="hapfmt.convert.lerobot",
+    writes=True,
+    folder="meta/info.json",
+    options=frozenset({"select", "clock", "episode", "keep_stamps", "fps"}),
+)
+OURS = (
+    NPZ,
+    NPY,
+    CSV,
+    WAV,
+    MCAP,
+    ROSBAG,
+    ROS2,
+    FLAC,
+    EDF,
+    BDF,
+    XDF,
+    TDMS,
+    HJIF,
+    AHAP,
+    PARQUET,
+    FEATHER,
+    HDF5,
+    MAT,
+    LEROBOT,
+)
 """In the order in which messages list them. Each is an entry point in pyproject.toml too."""

@@ -327,21 +327,25 @@ def refusal_of(item: Any, *, sparse: bool = False) -> str | None:
         chunk = prod(item.chunks) * item.dtype.itemsize
         if chunk > CHUNK_SIZE:
             return f"its chunks have {chunk} bytes, more than {CHUNK_SIZE}"
-        if 1 in codes and _may_burst(item, chunk):
+        if codes and _may_burst(item, chunk, is_gzip=1 in codes):
             return "a chunk is longer than it declares"
     return None
 
 
-def _may_burst(item: Any, chunk: int) -> bool:
-    """Whether a chunk unpacks to more than it declares. HDF5 would take any memory for it.
+def _may_burst(item: Any, chunk: int, *, is_gzip: bool) -> bool:
+    """Whether a chunk is longer than it declares, or unpacks to more. HDF5 would take any memory
+    for it.
 
-    Only chunks that could take much are unpacked here, piece by piece.
+    Only chunks of gzip that could take much are unpacked here, piece by piece.
     """
     found = False
 
     def look(info: Any) -> bool | None:
         nonlocal found
-        if info.size * DEFLATE_RATIO > max(SMALL, 2 * chunk) and info.filter_mask == 0:
+        if info.size > chunk + chunk // 8 + 1024:  # as no filter leaves it
+            found = True
+            return True
+        if is_gzip and info.size * DEFLATE_RATIO > max(SMALL, 2 * chunk) and info.filter_mask == 0:
             _, data = item.id.read_direct_chunk(info.chunk_offset)
             limit = chunk + 64
             unpack = zlib.decompressobj()

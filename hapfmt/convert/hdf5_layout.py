@@ -5,6 +5,8 @@
                             ``epoch_uncertainty_ns``
 ``/rate_1000Hz``            attributes ``rate`` (text "num/den", exact), ``rate_hz``,
                             ``start_tick``: row i is at (start_tick + i) / rate seconds
+``/rate_1000Hz/time``       [rows] the same times in seconds, rounded: the dimension scale of the
+                            channels, for other programs
 ``/rate_1000Hz/fx``         [rows] values; NaN is a gap. Integers are counts with the attribute
                             ``calibration`` [a, b, d]: value = (count * a + b) / d, also as
                             ``scale_factor`` and ``add_offset``. Attributes ``label``, ``units``
@@ -30,21 +32,18 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from itertools import groupby
-from typing import Any, BinaryIO, NamedTuple, cast
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..clocks import ClockMap, ClockObservation
-from ..errors import LimitError, ParameterError, matching, unknown
+from ..errors import LimitError, ParameterError
 from ..limits import TICK_LIMIT
 from ..numbers import checked_rate
 from ..recording import (
     CHANNEL_LIMIT,
-    Calibration,
     Channel,
-    Deviation,
     Event,
     Recording,
     extent,
@@ -54,19 +53,32 @@ from ..recording import (
 from .common import not_carried, rate_from
 from .formats import Destination, ReadOptions, Source, WriteOptions
 from .hdf5_files import Texts, Walk, h5py_of, reader, refusal_of, refusing_hdf5, texts_of
-from .layouts import BLOCK_SIZE
-from .tables import Import, ImportBlock, ImportColumn, ImportTable
+from .stored import (
+    CARRIED,
+    CHUNK_ROWS,
+    DESCRIBED,
+    Stored,
+    check_gaps,
+    checked_spans,
+    column_of,
+    exact_note,
+    import_of_stored,
+    integer_of,
+    of_channels,
+    reference_of,
+    seconds_of,
+    spans_of,
+    times_of,
+)
+from .tables import Import
 
 FORMAT = "hapfmt recording"
-CHUNK_ROWS = 1 << 14
+TIME = "time"
+MOST_SCALED = 1000
+"""Channels that name their dimension scale; it lists them in an attribute, of at most 64 KiB."""
 MOST_SPANS = 1 << 22
 MOST_ROWS = 1 << 20
 """Rows of the columns of events and clocks."""
-_DESCRIBED = ("quantity", "axis", "group", "body_site", "device")
-CARRIED = (
-    "calibration", "label", "unit", "lsb", "deviation", *_DESCRIBED, "epoch_ns",
-    "epoch_uncertainty_ns", "attachments", "events", "clocks", "clock_maps",
-)  # fmt: skip
 
 
 def is_ours(file: Any) -> bool:
@@ -83,7 +95,7 @@ def write_ours(recording: Recording, target: Destination, options: WriteOptions)
     by_rate: dict[Fraction, list[int]] = {}
     for place, channel in enumerate(recording.channels):
         by_rate.setdefault(checked_rate(channel.rate_exact), []).append(place)
-    _check_gaps(recording, by_rate, options.max_memory)
+    check_gaps(recording, by_rate, ".h5", options.max_memory)
     stream = target.stream
     is_plain = stream.seekable() and stream.readable() and stream.tell() == 0
     with tempfile.TemporaryFile() as spare:
@@ -97,29 +109,10 @@ def write_ours(recording: Recording, target: Destination, options: WriteOptions)
             spare.seek(0)
             while block := spare.read(1 << 20):
                 stream.write(block)
-    notes = not_carried(recording, ".h5", *CARRIED, *recording.metadata)
-    gridded = [channel.label for channel in recording if channel.exact is not None]
-    if gridded:
-        notes.append(
-            f"the floating-point values of {', '.join(map(repr, gridded[:8]))} are kept, not the "
-            "counts behind them"
-        )
-    return notes
-
-
-def _check_gaps(
-    recording: Recording, by_rate: Mapping[Fraction, list[int]], max_memory: int
-) -> None:
-    size = 0
-    for places in by_rate.values():
-        channels = [recording.channels[place] for place in places]
-        first, last = extent(channels)
-        size += 8 * sum(last - first - channel.stored.size for channel in channels)
-    if size > max_memory:
-        raise LimitError(
-            f"the gaps take {size} bytes as NaN in .h5, more than the {max_memory} allowed; allow "
-            "more (max_memory=) or write a part"
-        )
+    return [
+        *not_carried(recording, ".h5", *CARRIED, *recording.metadata),
+        *exact_note(recording),
+    ]
 
 
 def _write(
@@ -142,14 +135,42 @@ def _write(
         group.attrs["rate"] = str(rate)
         group.attrs["rate_hz"] = float(rate)
         group.attrs["start_tick"] = np.int64(first)
-        members = unique([_member(channel.label, place) for channel, place in
-                          zip(channels, places, strict=True)], [])  # fmt: skip
+        time = _write_times(group, rate, first, last)
+        own = [_member(c.label, place) for c, place in zip(channels, places, strict=True)]
+        members = unique([TIME, *own], [])[1:]
         for member, place, channel in zip(members, places, channels, strict=True):
             for rows in _write_channel(file, group, member, place, channel, first, last):
                 done += rows
                 if options.progress:
                     options.progress(done, total)
+            if len(channels) <= MOST_SCALED:
+                group[member].dims[0].attach_scale(time)
     _write_rest(file, recording)
+
+
+def _write_times(group: Any, rate: Fraction, first: int, last: int) -> Any:
+    """The times of the rows, as a dimension scale. Compressed they take .1 bytes a row."""
+    data = _rows(group, TIME, last - first, np.dtype(np.float64))
+    for start in range(first, last, 16 * CHUNK_ROWS):
+        stop = min(start + 16 * CHUNK_ROWS, last)
+        data[start - first : stop - first] = times_of(rate, start, stop)
+    data.attrs["units"] = "s"
+    data.make_scale(TIME)
+    return data
+
+
+def _rows(group: Any, name: str, rows: int, dtype: np.dtype[Any]) -> Any:
+    return group.create_dataset(
+        name,
+        shape=(rows,),
+        dtype=dtype,
+        chunks=(max(min(CHUNK_ROWS, rows), 1),),
+        maxshape=(None,),
+        compression="gzip",
+        shuffle=True,
+        fillvalue=np.nan if dtype.kind == "f" else 0,
+        track_times=False,
+    )
 
 
 def _member(label: str, place: int) -> str:
@@ -162,18 +183,7 @@ def _write_channel(
     file: Any, group: Any, member: str, place: int, channel: Channel, first: int, last: int
 ) -> Iterator[int]:
     x: NDArray[Any] = channel.stored if channel.exact is None else channel.exact
-    is_float = x.dtype.kind == "f"
-    data = group.create_dataset(
-        member,
-        shape=(last - first,),
-        dtype=x.dtype,
-        chunks=(max(min(CHUNK_ROWS, last - first), 1),),
-        maxshape=(None,),
-        compression="gzip",
-        shuffle=True,
-        fillvalue=np.nan if is_float else 0,
-        track_times=False,
-    )
+    data = _rows(group, member, last - first, x.dtype)
     at = 0
     for span in channel.coverage:
         for start in range(span.start, span.stop, 16 * CHUNK_ROWS):
@@ -184,7 +194,7 @@ def _write_channel(
     data.attrs["label"] = channel.label
     data.attrs["units"] = channel.unit
     data.attrs["index"] = place
-    for name in _DESCRIBED:
+    for name in DESCRIBED:
         if getattr(channel, name):
             data.attrs[name] = getattr(channel, name)
     if channel.lsb is not None:
@@ -196,12 +206,10 @@ def _write_channel(
         data.attrs["calibration"] = np.array([found.a, found.b, found.d], np.int64)
         data.attrs["scale_factor"] = found.a / found.d
         data.attrs["add_offset"] = found.b / found.d
-    whole = [(0, last - first)]
-    spans = [(span.start - first, span.stop - first) for span in channel.coverage]
-    if not is_float and spans != whole:
-        file.require_group("spans")
+    spans = spans_of(channel, first, last)
+    if spans is not None:
         rows = np.array(spans, np.int64).reshape(-1, 2)
-        file["spans"].create_dataset(str(place), data=rows, **_packed(rows))
+        file.require_group("spans").create_dataset(str(place), data=rows, **_packed(rows))
         data.attrs["spans"] = f"/spans/{place}"
 
 
@@ -271,23 +279,6 @@ def _write_columns(group: Any, columns: Mapping[str, Any]) -> None:
             group.create_dataset(name, data=np.asarray(values), **kept)
 
 
-class _Stored(NamedTuple):
-    """A channel of a file."""
-
-    data: Any
-    place: int
-    column: ImportColumn
-    rate: Fraction
-    start_tick: int
-    spans: tuple[tuple[int, int], ...] | None
-    """None: all rows."""
-
-    @property
-    def table(self) -> tuple[Any, ...]:
-        """What channels of one table share."""
-        return self.rate, self.start_tick, self.data.shape[0], self.spans
-
-
 def read_ours(file: Any, source: Source, options: ReadOptions) -> Import:
     """A recording that :func:`write_ours` wrote."""
     for name in ("transpose", "clock", "episode"):
@@ -300,103 +291,40 @@ def read_ours(file: Any, source: Source, options: ReadOptions) -> Import:
             f"version {about.get('version')!r} of this layout is not known, only 1"
         )
     notes = walk.tree.notes
-    found: list[_Stored] = []
+    found: list[Stored] = []
     budget = [options.max_memory]
     for name in file:
         if name.startswith("rate_"):
             found += _stored(file, walk, name, options, budget)
-    if len(found) > CHANNEL_LIMIT:
-        raise LimitError(f"{len(found)} channels, more than {CHANNEL_LIMIT}")
-    found.sort(key=lambda one: one.place)
-    if [one.place for one in found] != list(range(len(found))):
-        raise ParameterError("the attributes index do not give each channel a place of its own")
-    places = _selected(found, options.select)
-    chosen = [one for one in found if one.place in places]
-    tables, sources = [], []
-    for key, group in groupby(chosen, key=lambda one: one.table):
-        own = list(group)
-        rate, start, rows, spans = key
-        ticks = None
-        if spans is not None:
-            ticks = np.concatenate([np.arange(a, b) for a, b in spans] or [np.empty(0, np.int64)])
-        tables.append(
-            ImportTable(
-                name=own[0].data.parent.name,
-                columns=tuple(one.column for one in own),
-                rate=rate,
-                row_count=rows if ticks is None else ticks.size,
-                ticks=ticks,
-                start_tick=start,
-            )
-        )
-        sources.append((own, spans))
-
-    def blocks() -> Iterator[ImportBlock]:
-        for number, (own, spans) in enumerate(sources):
-            yield from _blocks(number, own, spans)
-
-    events = _events(file, walk, len(found), budget)
-    whole = Import(
-        tuple(tables),
-        blocks,
-        about.get("epoch_ns"),
-        about.get("epoch_uncertainty_ns", 0),
-        _metadata(file),
-        _attachments(file, walk, budget),
-        tuple(
-            replace(event, channel=None if event.channel is None else places[event.channel])
-            for event in events
-            if event.channel is None or event.channel in places
-        ),
-        tuple(notes),
+    whole, places = import_of_stored(found, options.select)
+    whole = replace(
+        whole,
+        epoch_ns=about.get("epoch_ns"),
+        epoch_uncertainty_ns=about.get("epoch_uncertainty_ns", 0),
+        metadata=_metadata(file),
+        attachments=_attachments(file, walk, budget),
+        notes=tuple(notes),
     )
-    clocks, maps = _clocks(file, walk, places, budget)
-    return replace(whole, clocks=clocks, clock_maps=maps)
-
-
-def _blocks(
-    number: int, own: Sequence[_Stored], spans: tuple[tuple[int, int], ...] | None
-) -> Iterator[ImportBlock]:
-    rows = max(BLOCK_SIZE // max(sum(one.column.dtype.itemsize for one in own), 1), CHUNK_ROWS)
-    rows -= rows % CHUNK_ROWS
-    parts = [reader(one.data) for one in own]
-    at = 0
-    for first, last in ((0, own[0].data.shape[0]),) if spans is None else spans:
-        for start in range(first, last, rows):
-            stop = min(start + rows, last)
-            values = [
-                part(0, start, stop).astype(one.column.dtype, copy=False)
-                for part, one in zip(parts, own, strict=True)
-            ]
-            yield ImportBlock(number, at, values)
-            at += stop - start
-
-
-def _selected(found: Sequence[_Stored], select: Sequence[str]) -> dict[int, int]:
-    """The places of the channels in the file -> in the recording."""
-    if not select:
-        return {one.place: one.place for one in found}
-    labels = [one.column.label for one in found]
-    wanted: set[int] = set()
-    for pattern in select:
-        places = matching(pattern, labels) or [
-            place for place, label in enumerate(labels) if label == pattern
-        ]
-        if not places:
-            raise ParameterError(unknown("channel", pattern, labels))
-        wanted |= set(places)
-    return {old: new for new, old in enumerate(sorted(wanted))}
+    return of_channels(
+        whole,
+        places,
+        _events(file, walk, len(found), budget),
+        _clocks(file, walk, len(found), budget),
+        _clock_maps(file, walk, len(found), budget),
+    )
 
 
 def _stored(
     file: Any, walk: Walk, name: str, options: ReadOptions, budget: list[int]
-) -> Iterator[_Stored]:
+) -> Iterator[Stored]:
     h5py = h5py_of()
     group = _held(file, name, h5py.Group)
     about = walk.attributes(group, (name,))
     rate = rate_from(str(about["rate"])) if options.rate is None else options.rate
-    start = _integer(about, "start_tick", 0, TICK_LIMIT)
+    start = integer_of(about, "start_tick", 0, TICK_LIMIT)
     for member in group:
+        if member == TIME:
+            continue
         walk.count()
         data = _held(group, member, h5py.Dataset)
         shown = data.name
@@ -412,31 +340,16 @@ def _stored(
         reason = refusal_of(data, sparse=sparse)
         if reason is not None:
             raise ParameterError(f"{shown} cannot be read: {reason}")
-        yield _Stored(
-            data,
-            _integer(described, "index", 0, CHANNEL_LIMIT),
-            _column(described, data.dtype.newbyteorder("=")),
+        yield Stored(
+            name,
+            data.shape[0],
+            reader(data),
+            integer_of(described, "index", 0, CHANNEL_LIMIT),
+            column_of(described, data.dtype.newbyteorder("=")),
             rate,
             start,
             spans,
         )
-
-
-def _column(described: Mapping[str, Any], dtype: np.dtype[Any]) -> ImportColumn:
-    calibration = None
-    if "calibration" in described:
-        calibration = Calibration(*described["calibration"])
-    deviation = described.get("deviation")
-    lsb = described.get("lsb")
-    return ImportColumn(
-        label=str(described["label"]),
-        unit=str(described["units"]),
-        **{name: str(described.get(name, "")) for name in _DESCRIBED},
-        calibration=calibration,
-        lsb=None if lsb is None else float(lsb),
-        dtype=dtype,
-        deviation=None if deviation is None else Deviation(*map(float, deviation)),
-    )
 
 
 def _held(group: Any, name: str, kind: Any) -> Any:
@@ -450,13 +363,6 @@ def _held(group: Any, name: str, kind: Any) -> Any:
     return found
 
 
-def _integer(about: Mapping[str, Any], name: str, low: int, high: int) -> int:
-    value = about.get(name)
-    if type(value) is not int or not low <= value < high:
-        raise ParameterError(f"the attribute {name} is not an integer from {low} to {high - 1}")
-    return value
-
-
 def _spans(file: Any, path: str, rows: int, budget: list[int]) -> tuple[tuple[int, int], ...]:
     match = re.fullmatch(r"/spans/([0-9]{1,5})", path)
     if match is None:
@@ -466,16 +372,7 @@ def _spans(file: Any, path: str, rows: int, budget: list[int]) -> tuple[tuple[in
     if data.shape[1:] != (2,) or data.ndim != 2 or data.shape[0] > MOST_SPANS:
         raise ParameterError(f"{path} is not a list of at most {MOST_SPANS} spans")
     found = _small(data, "iu", budget, 40)
-    if found.size:
-        edges = found.reshape(-1)
-        inner = edges[1:-1].reshape(-1, 2)
-        if (
-            int(edges[0]) < 0
-            or int(edges[-1]) > rows
-            or (found[:, 0] >= found[:, 1]).any()
-            or (inner[:, 0] >= inner[:, 1]).any()
-        ):
-            raise ParameterError(f"{path} holds spans that overlap, or leave the {rows} rows")
+    checked_spans(found, rows, path)
     _take(budget, 8 * int((found[:, 1] - found[:, 0]).sum()), path)
     return tuple((a, b) for a, b in found.tolist())
 
@@ -542,27 +439,12 @@ def _events(file: Any, walk: Walk, count: int, budget: list[int]) -> list[Event]
     found = []
     for time, duration, text, channel, layer in _columns(file, walk, "events", kinds, budget):
         found.append(
-            Event(_seconds(time), text, _seconds(duration), _reference(channel, count), layer)
+            Event(seconds_of(time), text, seconds_of(duration), reference_of(channel, count), layer)
         )
     return found
 
 
-def _seconds(text: str) -> Fraction:
-    if re.fullmatch(r"[0-9]{1,400}(/[0-9]{1,400})?", text) is None:
-        raise ParameterError(f"{text[:40]!r} is not the time of an event")
-    return Fraction(text)
-
-
-def _reference(channel: int, count: int) -> int | None:
-    if not -1 <= channel < count:
-        raise ParameterError(f"an event or a clock names channel {channel} of {count}")
-    return None if channel == -1 else channel
-
-
-def _clocks(
-    file: Any, walk: Walk, places: Mapping[int, int], budget: list[int]
-) -> tuple[tuple[ClockObservation, ...], tuple[ClockMap, ...]]:
-    """Those of the channels that are read."""
+def _clocks(file: Any, walk: Walk, count: int, budget: list[int]) -> list[ClockObservation]:
     kinds = {
         "clock": "text",
         "channel": "iu",
@@ -570,27 +452,28 @@ def _clocks(
         "time_ns": "iu",
         "uncertainty_ns": "iu",
     }
-    clocks = tuple(
-        ClockObservation(clock, None if channel == -1 else places[channel], *rest)
+    return [
+        ClockObservation(clock, reference_of(channel, count), *rest)
         for clock, channel, *rest in _columns(file, walk, "clocks", kinds, budget)
-        if channel == -1 or channel in places
-    )
-    maps = []
+    ]
+
+
+def _clock_maps(file: Any, walk: Walk, count: int, budget: list[int]) -> list[ClockMap]:
+    maps: list[ClockMap] = []
     h5py = h5py_of()
-    if "clock_maps" in file:
-        group = _held(file, "clock_maps", h5py.Group)
-        for name in sorted(group, key=lambda text: (len(text), text)):
-            walk.count()
-            data = _held(group, name, h5py.Dataset)
-            about = walk.attributes(data, ("clock_maps", name))
-            if data.ndim != 2 or data.shape[1] != 2 or data.shape[0] > MOST_ROWS:
-                raise ParameterError(f"{data.name} does not hold points of a clock")
-            channel = about["channel"]
-            if channel == -1 or channel in places:
-                points = _small(data, "iu", budget, 200).tolist()
-                where = None if channel == -1 else places[channel]
-                maps.append(ClockMap(str(about["clock"]), where, tuple(map(tuple, points))))
-    return clocks, tuple(maps)
+    if "clock_maps" not in file:
+        return maps
+    group = _held(file, "clock_maps", h5py.Group)
+    for name in sorted(group, key=lambda text: (len(text), text)):
+        walk.count()
+        data = _held(group, name, h5py.Dataset)
+        about = walk.attributes(data, ("clock_maps", name))
+        if data.ndim != 2 or data.shape[1] != 2 or data.shape[0] > MOST_ROWS:
+            raise ParameterError(f"{data.name} does not hold points of a clock")
+        points = _small(data, "iu", budget, 200).tolist()
+        where = reference_of(integer_of(about, "channel", -1, count), count)
+        maps.append(ClockMap(str(about["clock"]), where, tuple(map(tuple, points))))
+    return maps
 
 
 def _attachments(file: Any, walk: Walk, budget: list[int]) -> dict[str, tuple[str, bytes]]:

@@ -13,7 +13,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import isfinite, lcm, prod
 from typing import Any, NamedTuple
@@ -139,9 +139,12 @@ class SourceTree:
     groups: dict[Path, dict[str, Any]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
-    def known(self, path: Path, names: Sequence[str], *, inherited: bool = True) -> Any:
-        """The attribute of a group, or of the nearest one above it; None where none has it."""
-        for depth in range(len(path), -1 if inherited else len(path) - 1, -1):
+    def known(
+        self, path: Path, names: Sequence[str], *, inherited: bool = True, top: int = 0
+    ) -> Any:
+        """The attribute of a group, or of the nearest one above it; None where none has it.
+        ``top``: depth of the highest group that counts."""
+        for depth in range(len(path), (top if inherited else len(path)) - 1, -1):
             found = named(self.groups.get(path[:depth], {}), names)
             if found is not None:
                 return found
@@ -237,7 +240,7 @@ def _episode(tree: SourceTree, options: ReadOptions) -> SourceTree:
 def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
     notes, sized = tree.notes, []
     clocks: list[SourceArray] = []
-    for array in tree.arrays:
+    for array in (part for whole in tree.arrays for part in _split(whole, tree)):
         if (
             array.is_line
             and array.size > 1
@@ -264,7 +267,8 @@ def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
             )
             continue
         times = _times_of(array, clocks, options.clock)
-        rate = _stated_rate(array, tree)
+        # A rate above the group of the times is that of other arrays.
+        rate = _stated_rate(array, tree, 0 if times is None else len(times.path) - 1)
         if times is None and rate is None and options.rate is None:
             timeless.append(array)
             continue
@@ -291,7 +295,7 @@ def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
             raise ParameterError(text)
         notes.append(text)
     if not tables:
-        raise ParameterError(_nothing(sized, timeless))
+        raise ParameterError(_nothing(sized, timeless, notes))
     if timeless:
         notes.append(
             f"no times and no rate are known for {_listed(timeless)}; rate= gives one, map= says "
@@ -302,12 +306,67 @@ def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
     return tables
 
 
-def _nothing(sized: Sequence[SourceArray], timeless: Sequence[SourceArray]) -> str:
+def _split(array: SourceArray, tree: SourceTree) -> list[SourceArray]:
+    """The array, or its times and the rest, where a label says that a column is time."""
+    if len(array.long_axes) != 2 or array.dtype.kind not in "iuf":
+        return [array]
+    texts = _texts(named(array.attributes, LABELS)) or _texts(
+        tree.known(array.path[:-1], LABELS, inherited=False)
+    )
+    sides = [axis for axis in array.long_axes if array.shape[axis] == len(texts)]
+    clocks = [
+        place for place, text in enumerate(texts) if TIMES.fullmatch(split_name(text.strip())[0])
+    ]
+    if len(sides) != 1 or len(clocks) != 1:
+        return [array]
+    return list(split_column(array, sides[0], clocks[0], texts))
+
+
+def split_column(
+    array: SourceArray, axis: int, place: int, texts: Sequence[str] = ()
+) -> tuple[SourceArray, SourceArray]:
+    """One column as times, and the array without it; ``axis`` counts the columns."""
+    count = array.shape[axis]
+    name, unit = split_name(texts[place].strip()) if texts else ("time", "")
+    units = _texts(named(array.attributes, UNITS))
+    if len(units) == count:
+        unit = unit or units[place]
+
+    def column(_: int, first: int, last: int) -> NDArray[Any]:
+        return np.asarray(array.read(axis, place, place + 1)).reshape(-1)[first:last]
+
+    def others(along: int, first: int, last: int) -> NDArray[Any]:
+        if along != axis:
+            return np.delete(np.asarray(array.read(along, first, last)), place, axis)
+        whole = np.delete(np.asarray(array.read(axis, 0, count)), place, axis)
+        return np.take(whole, range(first, last), axis)
+
+    kept = dict(array.attributes)
+    for names, values in ((LABELS, texts), (UNITS, units)):
+        if len(values) == count:
+            kept = {key: value for key, value in kept.items() if key.casefold() not in names}
+            kept[names[0]] = [each for number, each in enumerate(values) if number != place]
+    shape = tuple(size - (side == axis) for side, size in enumerate(array.shape))
+    return (
+        SourceArray(
+            (*array.path, name), (array.size // count,), array.dtype, column,
+            {"units": unit} if unit.strip("1") else {},
+        ),
+        replace(array, shape=shape, read=others, attributes=kept),
+    )  # fmt: skip
+
+
+def _nothing(
+    sized: Sequence[SourceArray], timeless: Sequence[SourceArray], notes: Sequence[str]
+) -> str:
     if timeless:
+        wide = "" if all(each.is_line for each in timeless) else ", or which column is time"
         return (
             f"no times and no rate are known for {_listed(timeless)}; give rate=, or a map that "
-            "says where the times are (map=)"
+            f"says where the times are{wide} (map=)"
         )
+    if notes:
+        return f"the file holds nothing that is read as a channel: {'; '.join(notes[:_SHOWN])}"
     if sized:
         return f"the file holds no arrays that are read as channels, only {_listed(sized)}"
     return "the file holds no arrays of numbers"
@@ -427,12 +486,12 @@ def _times_of(
     return min(fitting, key=order, default=None)
 
 
-def _stated_rate(array: SourceArray, tree: SourceTree) -> Fraction | None:
+def _stated_rate(array: SourceArray, tree: SourceTree, top: int) -> Fraction | None:
     value = named(array.attributes, RATES)
     if value is None:
-        value = tree.known(array.path[:-1], RATES)
+        value = tree.known(array.path[:-1], RATES, top=top)
     if value is None:
-        text = tree.known(array.path[:-1], ["env_args"])
+        text = tree.known(array.path[:-1], ["env_args"], top=top)
         value = _control_rate(text) if isinstance(text, str) else None
     if isinstance(value, list) and len(value) == 1:
         value = value[0]
@@ -756,15 +815,21 @@ def _own_labels(part: PlannedPart, tree: SourceTree, *, full: bool) -> list[str]
         path[-len(array.label.split(".")) :] = [array.label]
     while len(path) > 1 and path[-1].casefold() in PLAIN and not array.label:
         path.pop()
-    stem = split_name(".".join(path) if full else path[-1])[0]
+    short = path[-2:] if path[-1].isdigit() else path[-1:]
+    stem = split_name(".".join(path if full else short))[0]
     texts = list(part.labels or _texts(named(array.attributes, LABELS)))
     if not texts and width > 1:
         texts = _texts(tree.known(array.path[:-1], LABELS, inherited=False))
-    if len(texts) != width and width == 1:
+    if len(texts) != width:
         own = named(array.attributes, ["label"])
         if own is None and path != list(array.path):
             own = tree.known(array.path[:-1], ["label"], inherited=False)
-        texts = [own] if isinstance(own, str) and own.strip() else []
+        texts = []
+        if isinstance(own, str) and own.strip():
+            if width == 1:
+                texts = [own]
+            else:
+                stem = ".".join([*(path[:-1] if full else []), own.strip()])
     if len(texts) == width:
         texts = [split_name(text.strip())[0] for text in texts]
         before = ".".join(path[:-1] if path == list(array.path) else path)
@@ -784,6 +849,8 @@ def _columns(
         units = list(part.units or _texts(named(array.attributes, UNITS)))
         if not units:
             units = _texts(tree.known(array.path[:-1], UNITS, inherited=False))
+        if not units:
+            units = _unit_by_name(array, tree)
         texts = _texts(named(array.attributes, LABELS))
         if not units and len(texts) == len(own):
             units = [split_name(text.strip())[1] for text in texts]
@@ -806,6 +873,15 @@ def _columns(
                 )
             )  # fmt: skip
     return columns
+
+
+def _unit_by_name(array: SourceArray, tree: SourceTree) -> list[str]:
+    """Where the structure ``units`` has a text for each array."""
+    for name in (*UNITS, *map(str.capitalize, UNITS)):
+        known = tree.groups.get((*array.path[:-1], name), {})
+        if units := _texts(known.get(array.path[-1])):
+            return units
+    return []
 
 
 def _kept_as(array: SourceArray, notes: list[str]) -> tuple[np.dtype[Any], Calibration | None]:

@@ -6,6 +6,7 @@ common times.
 
 from __future__ import annotations
 
+import re
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Literal
@@ -18,7 +19,7 @@ from ..errors import HapfmtError, ParameterError
 from ..times import TIME_UNITS
 from .common import rate_from
 from .formats import ReadOptions
-from .layouts import PlannedPart, PlannedTable, SourceArray, SourceTree, built
+from .layouts import PlannedPart, PlannedTable, SourceArray, SourceTree, built, split_column
 from .tables import Import
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
@@ -33,6 +34,12 @@ class MapTable(Description, frozen=True):
     name: Annotated[Name | None, what("name of the table [path of the first data set]")] = None
     time: Annotated[Name | None, what("path of the times")] = None
     time_unit: Annotated[TimeUnit | None, what("unit of the times [as the file says]")] = None
+    time_column: (
+        Annotated[
+            int, Meta(ge=0, description="which column of the data set holds the times, from 0")
+        ]
+        | None
+    ) = None
     rate: Rated | None = None
     axis: (
         Annotated[int, Meta(ge=0, le=7, description="which side of the arrays is time, from 0")]
@@ -48,7 +55,9 @@ class MapTable(Description, frozen=True):
             raise DescriptionError("data", "is empty; name a data set")
         refuse_twice("data", self.paths)
         refuse_twice("labels", self.labels)
-        if self.time is None and self.time_unit is not None:
+        if self.time_column is not None and (self.time is not None or len(self.paths) > 1):
+            raise DescriptionError("time_column", "is for one data set without time")
+        if self.time is None and self.time_column is None and self.time_unit is not None:
             raise DescriptionError("time_unit", "needs time, the path of the times")
         if self.rate is not None:
             self.stated_rate()
@@ -72,16 +81,32 @@ class MapKeys(Description, frozen=True):
     ]
 
 
-def read_map(path: str) -> MapKeys:
-    """The map in a TOML file."""
+def _read_map(path: str) -> tuple[MapKeys, str]:
+    """The map in a TOML file, and its text."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise ParameterError("this is not a text in UTF-8", path=path) from None
     try:
-        return read(MapKeys, parse_toml(text))
+        return read(MapKeys, parse_toml(text)), text
     except HapfmtError as error:
+        error.message += _line(text, error.message)
         raise error.at(path=path) from error.__cause__
+
+
+def _line(text: str, message: str) -> str:
+    """Where the table and the key are that a message begins with; "" where it is not clear."""
+    found = re.match(r"table\[(\d{1,5})\](?:\.|: )?(\w+)?", message)
+    lines = text.splitlines()
+    heads = [place for place, line in enumerate(lines) if re.match(r"\s*\[\[\s*table\b", line)]
+    if found is None or int(found[1]) >= len(heads):
+        return ""
+    first = heads[int(found[1])]
+    last = [*heads, len(lines)][int(found[1]) + 1]
+    for place in range(first + 1, last):
+        if found[2] and re.match(rf"\s*{found[2]}\s*=", lines[place]):
+            first = place
+    return f" (at line {first + 1})"
 
 
 def mapped(tree: SourceTree, options: ReadOptions) -> Import:
@@ -90,13 +115,14 @@ def mapped(tree: SourceTree, options: ReadOptions) -> Import:
     for name in ("select", "episode", "clock", "transpose"):
         if getattr(options, name):
             raise ParameterError(f"{name} is not for a map, which says it itself")
-    keys = read_map(options.map)
+    keys, text = _read_map(options.map)
     planned = []
     for number, one in enumerate(keys.table):
         try:
             planned.append(_table(tree, one, options))
         except ParameterError as error:
-            raise ParameterError(f"table[{number}]: {error}", path=options.map) from None
+            message = f"table[{number}]: {error}"
+            raise ParameterError(message + _line(text, message), path=options.map) from None
     unread = {array.name for array in tree.arrays}
     for table in planned:
         unread -= {part.array.name for part in table.parts}
@@ -111,9 +137,11 @@ def mapped(tree: SourceTree, options: ReadOptions) -> Import:
 def _table(tree: SourceTree, one: MapTable, options: ReadOptions) -> PlannedTable:
     arrays = [tree.array(path) for path in one.paths]
     times = None if one.time is None else tree.array(one.time)
+    if one.time_column is not None:
+        times, arrays[0] = _split(arrays[0], one)
     rate = options.rate if one.rate is None or options.rate is not None else one.stated_rate()
     if times is None and rate is None:
-        raise ParameterError("it needs time, the path of the times, or rate")
+        raise ParameterError("it needs time, time_column or rate")
     if times is not None and (not times.is_line or times.dtype.kind not in "iuf"):
         raise ParameterError(f"time: {times.name} is not one row of numbers")
     axes = [_axis(array, one, times) for array in arrays]
@@ -133,6 +161,17 @@ def _table(tree: SourceTree, one: MapTable, options: ReadOptions) -> PlannedTabl
         rate,
         None if one.time_unit is None else TIME_UNITS[one.time_unit],
     )
+
+
+def _split(array: SourceArray, one: MapTable) -> tuple[SourceArray, SourceArray]:
+    """The column of the times, and the others."""
+    assert one.time_column is not None
+    axis = _axis(array, one, None)
+    sides = [side for side in array.long_axes if side != axis]
+    if len(sides) != 1 or one.time_column >= array.shape[sides[0]]:
+        shape = " x ".join(map(str, array.shape))
+        raise ParameterError(f"time_column: {array.name} ({shape}) has no such column")
+    return split_column(array, sides[0], one.time_column)
 
 
 def _axis(array: SourceArray, one: MapTable, times: SourceArray | None) -> int:

@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from ..clocks import on_channels
 from ..errors import LimitError, ParameterError
 from ..limits import TICK_LIMIT
-from ..numbers import checked_rate
 from ..recording import Calibration, Span
-from .common import fits, refusing, selected
+from .common import fits, rate_from, refusing, selected
 from .formats import ReadOptions
 from .messages import DecodedMessages, MessageFile, Topic, batches
 from .own import restored_counts, with_own
@@ -97,7 +96,7 @@ def _parsed(found: dict[str, Any], max_memory: int) -> _OwnFile:
             [np.empty(0, np.int64), *(np.arange(span.start, span.stop) for span in spans)]
         )
         columns = tuple(_column(column) for column in each["channels"])
-        rate = checked_rate(Fraction(str(each["rate"])[:50]))
+        rate = rate_from(str(each["rate"]))
         topics.append(_OwnTopic(str(each["name"]), rate, spans, ticks, columns))
     numbers = [column.number for topic in topics for column in topic.columns]
     if sorted(numbers) != list(range(len(numbers))):
@@ -151,6 +150,10 @@ def _is_unchanged(
         if place is None:
             continue
         if len(logs[place]) != len(topic.ticks):
+            return False
+        stop = topic.spans[-1].stop if topic.spans else 0
+        end_ns = own.zero_ns + int(stop / topic.rate * 10**9)
+        if not 0 <= own.zero_ns <= end_ns < 1 << 63:
             return False
         zeros = np.zeros(len(topic.ticks), np.int64)
         if not np.array_equal(

@@ -232,12 +232,18 @@ class _RosPacking:
         return bytes(MessageTemplate(definition(LOG)[0], LOG, content).data)
 
 
+class _Stamp(msgspec.Struct, gc=False):
+    sec: int
+    nsec: int
+
+
 class _JsonPacking:
     """Messages of JSON. Their schema says labels and units."""
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
         self.encode = msgspec.json.Encoder().encode
+        self.rows: dict[str, Any] = {}
 
     def register(self, writer: Any, topic: WrittenTopic) -> int:
         fields: dict[str, Any] = {}
@@ -247,6 +253,8 @@ class _JsonPacking:
                 "type": _JSON_TYPES.get(kind, "number"), "title": channel.label,
                 "unit": channel.unit,
             }  # fmt: skip
+        names = {f"c{number}": path for number, path in enumerate(("timestamp", *fields))}
+        self.rows[topic.name] = msgspec.defstruct("Row", [*names], rename=names, gc=False)
         return self._channel(writer, topic.name, topic.name.strip("/"), fields)
 
     def register_events(self, writer: Any) -> int:
@@ -277,13 +285,9 @@ class _JsonPacking:
                     f"channel {label!r} has infinities, which JSON does not hold; write messages "
                     "of ROS 2 (schema='ros2')"
                 )
-        names = ("timestamp", *values)
-        stamps = [
-            {"sec": sec, "nsec": nsec}
-            for sec, nsec in zip((times // 10**9).tolist(), (times % 10**9).tolist(), strict=True)
-        ]
-        rows = zip(stamps, *(x.tolist() for x in values.values()), strict=True)
-        return [self.encode(dict(zip(names, row, strict=True))) for row in rows]
+        stamps = map(_Stamp, (times // 10**9).tolist(), (times % 10**9).tolist())
+        row = self.rows[topic.name]
+        return [*map(self.encode, map(row, stamps, *(x.tolist() for x in values.values())))]
 
     def event(self, time_ns: int, event: Event) -> bytes:
         sec, nsec = divmod(time_ns, 10**9)

@@ -343,7 +343,7 @@ def _channels(archive: _Archive, ending: str, options: ReadOptions, notes: list[
         found = grid.rate
         notes += grid.notes
         for note in grid.notes:
-            warnings.warn(note, MovedTimesWarning, stacklevel=7)
+            warnings.warn(note, MovedTimesWarning, stacklevel=6)
     hertz = choose_rate(rate, found, notes)
     if grid is None and keep:
         kept = _in_ns(times, ticks, keys_of_times[0])

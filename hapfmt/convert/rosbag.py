@@ -153,6 +153,9 @@ class _BagFile:
         known: dict[tuple[str, str, str | None], int] = {}
         senders: dict[str, set[str | None]] = {}
         for one in connections:
+            # SQLite keeps values of any type.
+            if not all(isinstance(x, str) for x in (one.topic, one.msgtype, one.msgdef.data)):
+                raise ParameterError("the bag is damaged: a topic has no name, type or definition")
             senders.setdefault(one.topic, set()).add(getattr(one.ext, "callerid", None))
         for one in connections:
             sender = getattr(one.ext, "callerid", None)
@@ -196,8 +199,8 @@ class _BagFile:
                 if found is None:
                     return
                 connection, log_ns, data = found
-                if not isinstance(data, bytes):
-                    raise ParameterError("the bag is damaged: a message is not bytes")
+                if not (isinstance(data, bytes) and isinstance(log_ns, int)):
+                    raise ParameterError("the bag is damaged: a message has no time, or no bytes")
                 yield TopicMessage(self.ids[connection.id], log_ns, 0, data)
                 done += 1
                 if advance and done % _SHOWN == 0:

@@ -265,7 +265,8 @@ def stamp_channel(
 ) -> NDArray[np.int64]:
     """How much later than the time of its tick each stamp is, in ns: a channel that keeps them.
 
-    ``epoch_ns``: that of the recording, or 0 where it has none.
+    ``epoch_ns``: that of the recording, or 0 where it has none. Stamps of another clock: what it
+    shows at second 0, which observations of it keep.
     """
     ticks = placed.ticks + start_tick
     return np.asarray(stamps_ns, np.int64) - _tick_times(ticks, placed.rate, epoch_ns)

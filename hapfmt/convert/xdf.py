@@ -43,6 +43,8 @@ _EVENT_SIZE = 512
 _NS = 10**9
 _STAMP_LIMIT = 4e9
 """Seconds, so that sums of two fit 64 bits in ns."""
+_RATIO, _SMALL = 200, 1 << 24
+"""How much larger a packed file may become, by its size; and bytes that any may have."""
 _EARLY_S = 3600
 """An event may come so much before the first sample."""
 _SET_BACK_S = 1.0
@@ -118,10 +120,17 @@ def read(source: Source, options: ReadOptions) -> Import:
     events: list[Event] = []
     dropped: Counter[str] = Counter()
     channel = 0
+    rateless = [
+        (stream, own)
+        for stream, own, each in zip(streams, ranges, placed, strict=True)
+        if each is None and stream.dtype
+    ]
+    texts = _texts_of(source, rateless, options) if rateless else {}
     for stream, ns, own, each, shift in zip(streams, stamps, ranges, placed, shifts, strict=True):
         if each is None:
             times = [time + shift - zero for time in ns.tolist()]
-            events += _events(source, stream, own, times, options, dropped)
+            said = texts[stream.number] if stream.dtype else stream.texts[own[0] : own[1]]
+            events += _events(stream, said, times, dropped)
             continue
         start = starts[len(tables)]
         table, kept = _table(stream, each, start, next(labels), ns, zero - shift, options, notes)
@@ -169,8 +178,23 @@ def _opened(source: Source) -> IO[bytes]:
     stream = source.stream
     stream.seek(0)
     if source.head.startswith(b"\x1f\x8b"):
-        return cast("IO[bytes]", gzip.GzipFile(fileobj=stream))
+        return cast("IO[bytes]", _Unpacked(stream))
     return cast("IO[bytes]", _Kept(stream))
+
+
+class _Unpacked(gzip.GzipFile):
+    """Stops at a bomb."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self.limit = _SMALL + _RATIO * stream.seek(0, 2)
+        stream.seek(0)
+        super().__init__(fileobj=stream)
+
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size)
+        if self.tell() > self.limit:
+            raise LimitError(f"the file unpacks to more than {_RATIO} times its size")
+        return data
 
 
 class _Kept:
@@ -524,23 +548,8 @@ def _clocks(
 
 
 def _events(
-    source: Source,
-    stream: XdfStream,
-    rows: tuple[int, int],
-    times: Sequence[int],
-    options: ReadOptions,
-    dropped: Counter[str],
+    stream: XdfStream, texts: Sequence[str], times: Sequence[int], dropped: Counter[str]
 ) -> Iterator[Event]:
-    first, last = rows
-    if not stream.dtype:
-        texts = iter(stream.texts[first:last])
-    else:
-        if (last - first) * (_EVENT_SIZE + 32 * stream.channels) > options.max_memory:
-            raise LimitError(
-                f"stream {stream.name!r} has no rate, and its {last - first} rows take too much "
-                "as events; give a rate (rate=) or select other streams (select=)"
-            )
-        texts = _texts_of(source, stream, rows)
     for time, text in zip(times, texts, strict=True):
         if time < 0:
             dropped[stream.name] += 1
@@ -548,13 +557,26 @@ def _events(
             yield Event(Fraction(time, _NS), text, layer=stream.name)
 
 
-def _texts_of(source: Source, stream: XdfStream, rows: tuple[int, int]) -> Iterator[str]:
-    """Rows of numbers, as JSON."""
-    labels = [label or str(place) for place, label in enumerate(stream.labels)]
-    for block in _blocks(source, [(stream, rows, None)]):
+def _texts_of(
+    source: Source, readers: Sequence[tuple[XdfStream, tuple[int, int]]], options: ReadOptions
+) -> dict[int, list[str]]:
+    """Rows of numbers, as JSON, for each stream by its number."""
+    left = options.max_memory
+    for stream, (first, last) in readers:
+        left -= (last - first) * (_EVENT_SIZE + 32 * stream.channels)
+        if left < 0:
+            raise LimitError(
+                f"stream {stream.name!r} has no rate, and its {last - first} rows take too much "
+                "as events; give a rate (rate=) or select other streams (select=)"
+            )
+    found: dict[int, list[str]] = {stream.number: [] for stream, _ in readers}
+    for block in _blocks(source, [(*reader, None) for reader in readers]):
+        stream, _ = readers[block.table]
+        labels = [label or str(place) for place, label in enumerate(stream.labels)]
         for row in zip(*(column.tolist() for column in block.values), strict=True):
             said = row[0] if len(row) == 1 else dict(zip(labels, row, strict=True))
-            yield json.dumps(said)
+            found[stream.number].append(json.dumps(said))
+    return found
 
 
 def _blocks(

@@ -1,8 +1,9 @@
 """Random access to bytes of memory, a file, a mapping, a pipe or a URL, from any thread.
 
-URLs are read through fsspec. It requests whole blocks, one by one, and keeps the CACHE bytes of
-blocks that were used last. The size of a block was chosen by measurement: reading a few channels or
-seconds takes two or three requests.
+URLs are read through fsspec, in blocks. The CACHE bytes of blocks that were used last are kept. The
+first request takes the end of the file, where its index is. Blocks that lie side by side come in
+one request, and a reader that goes on gets more at once. Opening a file and reading a second of it
+takes three requests. A file that changes meanwhile is an error.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ import shutil
 import stat
 import tempfile
 import threading
+from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol, cast
@@ -25,11 +28,18 @@ from urllib.parse import urlsplit
 
 from ..errors import HapfmtError, MissingExtraError, ParameterError
 
-BLOCK = 1 << 18
+BLOCK = 1 << 15
 CACHE = 1 << 22
+TAIL = 1 << 16
+"""Bytes of the first request, the last of the file."""
+AHEAD = 1 << 20
+"""Bytes of the largest request that a reader in the order of the file gets."""
+NEAR = 1 << 18
+"""A reader that skips up to this many bytes reads in the order of the file."""
 GAP = 1 << 16
 """A request takes about as long as the transfer of this many bytes (10 ms, 50 Mbit/s)."""
 
+CHANGED = "the file changed while it was read"
 NO_PARTS = (
     "the server gives whole files only, not parts of them (no range requests); fetch the file "
     "first, or let it be copied: Reader(url, spool=True)"
@@ -42,38 +52,209 @@ class RemoteSource:
     def __init__(self, url: str) -> None:
         self.path: str | None = shown(url)
         self.lock = threading.Lock()
+        self.blocks: OrderedDict[int, bytes] = OrderedDict()
+        """By number; the last used is last."""
+        self.next = 0
+        """The byte after the last request, which was for ``ahead`` blocks."""
+        self.ahead = 1
         with network(self.path):
-            self.files, self.stream = open_url(
-                url,
-                cache_type="blockcache",
-                cache_options={"maxblocks": CACHE // BLOCK},
-                block_size=BLOCK,
-            )
-        try:
-            with network(self.path):
-                size = getattr(self.stream, "size", None)
-                self.size = self.stream.seek(0, io.SEEK_END) if size is None else int(size)
-            # The end is needed anyway, and tells whether parts can be had.
-            self.read_at(self.size - 1, 1)
-        except BaseException:
-            self.stream.close()
-            raise
+            self.ranges: HttpRanges | StreamRanges = open_ranges(url, self.path)
+            try:
+                self.size, self.tail = self.ranges.open(TAIL)
+            except BaseException:
+                self.ranges.close()
+                raise
+        self.version = self.ranges.version
+        """What tells this content of the file from another: its ETag, or its time."""
 
     def read_at(self, offset: int, size: int) -> bytes:
         size = min(size, self.size - offset)
         if size <= 0:
             return b""
-        with self.lock, network(self.path):
-            self.stream.seek(offset)
-            data = self.stream.read(size)
-        if len(data) != size:
+        before_tail = self.size - len(self.tail)
+        parts = []
+        with self.lock:
+            stop = min(offset + size, before_tail)
+            if offset < stop:
+                wanted = range(offset // BLOCK, -(-stop // BLOCK))
+                found = self.blocks_of(wanted)
+                joined = b"".join(found) if len(found) > 1 else found[0]
+                start = wanted.start * BLOCK
+                parts.append(joined[offset - start : stop - start])
+        if offset + size > before_tail:
+            start = max(offset - before_tail, 0)
+            parts.append(self.tail[start : offset + size - before_tail])
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    def expect(self, start: int, stop: int) -> None:
+        stop = min(stop, self.size - len(self.tail))
+        if 0 < stop - start <= self.gap:
+            with self.lock:
+                self.blocks_of(range(start // BLOCK, -(-stop // BLOCK)))
+
+    def blocks_of(self, wanted: range) -> list[bytes]:
+        """These blocks, of which those that are not kept come in one request for each run."""
+        found: dict[int, bytes] = {}
+        for number in wanted:
+            if number in self.blocks:
+                self.blocks.move_to_end(number)
+                found[number] = self.blocks[number]
+            elif number not in found:
+                stop = number + 1
+                while stop < wanted.stop and stop not in self.blocks:
+                    stop += 1
+                found |= self.request(number, stop)
+        return [found[number] for number in wanted]
+
+    def request(self, first: int, stop: int) -> dict[int, bytes]:
+        """The blocks [first, stop), and those behind them if the file is read in its order."""
+        before_tail = self.size - len(self.tail)
+        in_order = 0 < self.next <= first * BLOCK <= self.next + NEAR
+        self.ahead = min(2 * self.ahead, AHEAD // BLOCK) if in_order else 1
+        last = max(stop, min(first + self.ahead, -(-before_tail // BLOCK)))
+        for number in range(stop, last):
+            if number in self.blocks:
+                last = number
+                break
+        start, end = first * BLOCK, min(last * BLOCK, before_tail)
+        with network(self.path):
+            data = self.ranges.fetch(start, end)
+        if len(data) != end - start:
             # Not damage of the file: the server delivered something else than it announced.
-            message = f"{len(data)} bytes came where {size} were asked for"
+            message = f"{len(data)} bytes came where {end - start} were asked for"
             raise OSError(errno.EIO, message, self.path)
+        self.next = end
+        came = {n: data[n * BLOCK - start : (n + 1) * BLOCK - start] for n in range(first, last)}
+        self.blocks |= came
+        while len(self.blocks) > CACHE // BLOCK:
+            self.blocks.popitem(last=False)
+        return came
+
+    def close(self) -> None:
+        self.ranges.close()
+
+
+def changed(path: str | None) -> OSError:
+    return OSError(errno.ESTALE, CHANGED, path)
+
+
+class HttpRanges:
+    """Parts of a file of a web server. Each answer tells its version."""
+
+    def __init__(self, files: Any, url: str, path: str | None) -> None:
+        self.files = files
+        self.url = url
+        self.path = path
+        self.size = -1
+        self.version: tuple[str, ...] = ()
+
+    def open(self, tail: int) -> tuple[int, bytes]:
+        """The size of the file, and up to ``tail`` of its last bytes."""
+        check = partial(self.check, tail=tail)
+        try:
+            data: bytes = self.files.cat_file(self.url, start=-tail, raise_for_status=check)
+        except Exception:
+            if self.size:
+                raise
+            data = b""  # fsspec refuses what a server answers of an empty file.
+        if self.size >= 0:
+            return self.size, data
+        # A server that gives parts, but not the end of a file of unknown size.
+        self.size = int(self.files.info(self.url)["size"])
+        return self.size, self.fetch(max(self.size - tail, 0), self.size)
+
+    def fetch(self, start: int, stop: int) -> bytes:
+        if start == stop:
+            return b""
+        found: bytes = self.files.cat_file(
+            self.url, start=start, end=stop, raise_for_status=partial(self.check, start=start)
+        )
+        return found
+
+    async def check(self, response: Any, *, start: int = 0, tail: int = 0) -> None:
+        """Called with the headers of each answer, before its content is read."""
+        try:
+            self.check_answer(response, start, tail)
+        except BaseException:
+            response.close()
+            raise
+
+    def check_answer(self, response: Any, start: int, tail: int) -> None:
+        status, headers = response.status, response.headers
+        if status in (404, 410):
+            raise FileNotFoundError(errno.ENOENT, "not found", self.path)
+        part = re.fullmatch(r"bytes (?:(\d+)-\d+|\*)/(\d+|\*)", headers.get("Content-Range", ""))
+        total = int(part[2]) if part and part[2] != "*" else -1
+        if status == 416 and tail and total == 0:
+            self.size = 0
+            return
+        if status == 416 and not tail:
+            raise changed(self.path)
+        if status == 200:
+            total = int(headers.get("Content-Length", -1))
+            if not tail or not 0 <= total <= tail:
+                if not tail or headers.get("Accept-Ranges") != "bytes":
+                    raise OSError(errno.EIO, NO_PARTS, self.path)
+                return
+        elif status != 206 or part is None:
+            raise OSError(errno.EIO, f"the server answers {status} {response.reason}", self.path)
+        elif not tail and int(part[1] or -1) != start:
+            raise OSError(errno.EIO, "the server sends another part than was asked for", self.path)
+        version = tuple(headers[name] for name in ("ETag", "Last-Modified") if name in headers)[:1]
+        if self.version and version != self.version:
+            raise changed(self.path)
+        if self.size >= 0 and total not in (-1, self.size):
+            raise changed(self.path)
+        self.version = version
+        self.size = max(self.size, total)
+
+    def close(self) -> None:
+        """The file system closes its connections."""
+
+
+VERSION_KEYS = ("ETag", "etag", "generation", "LastModified", "last_modified", "mtime", "created")
+"""What file systems call the version of a file, the most certain first."""
+
+
+class StreamRanges:
+    """Parts of a file of any other file system, which tells its version before and after."""
+
+    def __init__(self, files: Any, name: str, path: str | None) -> None:
+        self.files = files
+        self.name = name
+        self.path = path
+        self.stream: BinaryIO | None = None
+        self.version: tuple[str, ...] = ()
+        self.size = -1
+        self.conditional = "s3" in files.protocol
+        """Whether each request itself names the version that it wants."""
+
+    def look(self) -> tuple[int, tuple[str, ...]]:
+        self.files.invalidate_cache()
+        about = self.files.info(self.name)
+        version = [str(about[key]) for key in VERSION_KEYS if about.get(key) is not None][:1]
+        size = about.get("size")
+        return -1 if size is None else int(size), tuple(version)
+
+    def open(self, tail: int) -> tuple[int, bytes]:
+        self.size, self.version = self.look()
+        self.stream = cast(
+            "BinaryIO", self.files.open(self.name, "rb", cache_type="none", block_size=BLOCK)
+        )
+        size = self.stream.seek(0, io.SEEK_END) if self.size < 0 else self.size
+        return size, self.fetch(max(size - tail, 0), size)
+
+    def fetch(self, start: int, stop: int) -> bytes:
+        assert self.stream is not None
+        self.stream.seek(start)
+        data = self.stream.read(stop - start)
+        if not self.conditional and self.look() != (self.size, self.version):
+            raise changed(self.path)
         return data
 
     def close(self) -> None:
-        self.stream.close()
+        if self.stream is not None:
+            self.stream.close()
 
 
 @contextmanager
@@ -85,16 +266,26 @@ def network(path: str | None) -> Iterator[None]:
         raise
     except ImportError as error:
         raise missing(error) from None
-    except PermissionError as error:
-        raise PermissionError(errno.EACCES, reason(error), path) from error
+    except OSError as error:
+        if type(error).__name__ == "FileExpired":  # of s3fs
+            raise changed(path) from error
+        if error.errno == errno.ESTALE or error.filename == path is not None:
+            raise
+        raise failure(error, path) from error
     except Exception as error:
-        cause = error.__cause__
-        status = getattr(cause, "status", None if cause else 404)
-        if isinstance(error, FileNotFoundError) and status in (404, 410):
-            raise FileNotFoundError(errno.ENOENT, "not found", path) from error
-        words = str(error) if isinstance(error, ValueError) else ""
-        no_parts = "range requests" in words or "streaming" in words
-        raise OSError(errno.EIO, NO_PARTS if no_parts else reason(error), path) from error
+        raise failure(error, path) from error
+
+
+def failure(error: Exception, path: str | None) -> OSError:
+    if isinstance(error, PermissionError):
+        return PermissionError(errno.EACCES, reason(error), path)
+    cause = error.__cause__
+    status = getattr(cause, "status", None if cause else 404)
+    if isinstance(error, FileNotFoundError) and status in (404, 410):
+        return FileNotFoundError(errno.ENOENT, "not found", path)
+    words = str(error) if isinstance(error, ValueError) else ""
+    no_parts = "range requests" in words or "streaming" in words
+    return OSError(errno.EIO, NO_PARTS if no_parts else reason(error), path)
 
 
 def missing(error: ImportError) -> ParameterError:
@@ -115,8 +306,8 @@ def reason(error: BaseException) -> str:
     return f"{type(inner).__name__}: {inner}" if str(inner) else type(inner).__name__
 
 
-def open_url(url: str, **options: Any) -> tuple[object, BinaryIO]:
-    """A file system of fsspec, which closes its files when it goes, and an open file.
+def files_of(url: str) -> tuple[Any, str]:
+    """A file system of fsspec, and the name of the file in it.
 
     What is compressed on the way has no places: that is declined.
     """
@@ -126,16 +317,22 @@ def open_url(url: str, **options: Any) -> tuple[object, BinaryIO]:
         files, path = core.url_to_fs(url, **headers)
     except ValueError as error:
         raise ParameterError(f"{shown(url)}: {error}") from None
-    return files, cast("BinaryIO", files.open(path, "rb", **options))
+    return files, path
+
+
+def open_ranges(url: str, path: str | None) -> HttpRanges | StreamRanges:
+    files, name = files_of(url)
+    kind = HttpRanges if "http" in files.protocol else StreamRanges
+    return kind(files, name, path)
 
 
 @contextmanager
 def streamed(url: str) -> Iterator[BinaryIO]:
     """All bytes of a URL, from the first to the last."""
     with network(shown(url)):
-        _files, stream = open_url(url, block_size=0)
-        with stream:
-            yield stream
+        files, name = files_of(url)
+        with files.open(name, "rb", block_size=0) as stream:
+            yield cast("BinaryIO", stream)
 
 
 def shown(url: str) -> str:
@@ -166,10 +363,20 @@ class ByteSource(Protocol):
     def read_at(self, offset: int, size: int) -> bytes:
         """Up to ``size`` bytes from ``offset``; fewer only at the end."""
 
+    def expect(self, start: int, stop: int) -> None:
+        """A hint that these bytes are read next; one request may then bring all of them."""
+
     def close(self) -> None: ...
 
 
-class BytesSource:
+class LocalSource:
+    """One without requests."""
+
+    def expect(self, start: int, stop: int) -> None:
+        pass
+
+
+class BytesSource(LocalSource):
     gap = MEMORY_GAP
 
     def __init__(self, data: bytes, path: str | None = None) -> None:
@@ -184,7 +391,7 @@ class BytesSource:
         pass
 
 
-class FileSource:
+class FileSource(LocalSource):
     """A regular file, read where it is asked for: no position moves, threads need no lock."""
 
     gap = FILE_GAP
@@ -214,7 +421,7 @@ class FileSource:
             self.stream.close()
 
 
-class MappedSource:
+class MappedSource(LocalSource):
     """A file in the address space: pages are read by the system when they are touched.
 
     Only for a file that no program cuts meanwhile: to touch a page beyond its end kills the process
@@ -240,7 +447,7 @@ class MappedSource:
             self.pages.close()
 
 
-class StreamSource:
+class StreamSource(LocalSource):
     """An open stream that can seek; a lock holds its position for one reading."""
 
     gap = FILE_GAP

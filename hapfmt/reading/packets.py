@@ -253,6 +253,8 @@ class PacketPass:
         instead."""
         catalogue = self.catalogue
         source = catalogue.source
+        if ref.limit is not None:
+            source.expect(ref.offset, ref.limit)
         header = header_at(source, ref.offset, catalogue.file_id)
         if ref.limit is not None:
             ref.checked(header)

@@ -20,7 +20,7 @@ from typing import BinaryIO, Protocol
 
 from ..errors import ParameterError
 from ..files import Closing, lock, refusal, refuse, sync_directory, unlock
-from ..format.source import FILE_GAP
+from ..format.source import FILE_GAP, LocalSource
 from ..format.wire import SIGNATURE
 from .filewriter import FileWriter
 
@@ -60,7 +60,7 @@ class SyncPolicy:
         self.last = self.clock()
 
 
-class LiveFile(Closing):
+class LiveFile(Closing, LocalSource):
     """Writes at the end of a locked file, and reads anywhere in it.
 
     A write is in the file as a whole or not at all: after a failed write the file is cut back to

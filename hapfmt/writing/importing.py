@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ..codecs.raw import DTYPES
 from ..convert import refuse_foreign
+from ..convert.formats import ReadOptions
 from ..convert.tables import Import, ImportColumn, ImportTable
 from ..encoder.encode import Decision
 from ..encoder.gridded import nearest
@@ -39,11 +40,11 @@ from ..encoder.live import (
 from ..encoder.plan import amount_text, median3
 from ..encoder.settings import Settings, Tolerance, counts_of
 from ..encoder.unit import STEP_LIMIT
-from ..errors import DataWarning, ParameterError
+from ..errors import DataWarning, LimitError, ParameterError
 from ..files import refuse, target
 from ..format.cluster import Packet
 from ..format.wire import check_file_id
-from ..limits import LEVELS, TICK_LIMIT
+from ..limits import LEVELS, TICK_LIMIT, Limits
 from ..recording import Calibration, Recording
 from ..threads import thread_count
 from .clusters import Clusters, SamplePiece, SampleRows, pieces_of
@@ -78,6 +79,22 @@ def why_whole(settings: Settings, canonical: object = None) -> str:
     if settings.digest:
         return "--digest"
     return "--canonical content" if canonical == "content" else ""
+
+
+def read_if_small(
+    found: Recording | Import, options: ReadOptions, limits: Limits, whole: str
+) -> Recording | Import:
+    """All of a file of small size; ``whole`` names what needs all of it, if anything does."""
+    if not isinstance(found, Import):
+        return found
+    if not whole and found.size > min(STREAMED, limits.memory or STREAMED):
+        return found
+    try:
+        return found.recording(options.max_memory, options.progress)
+    except LimitError as error:
+        if not whole:
+            raise
+        raise LimitError(f"{whole} needs the whole recording, and {error.message}") from None
 
 
 def write_import(
@@ -548,4 +565,4 @@ def error_of(column: ImportedChannel, values: NDArray[Any]) -> float:
     return float(np.abs(plan.calibration.physical(kept) - given).max(initial=0))
 
 
-__all__ = ["STREAMED", "why_whole", "write_import"]
+__all__ = ["STREAMED", "read_if_small", "why_whole", "write_import"]

@@ -21,6 +21,7 @@ PACKAGES = {
     "h5py": "h5py",
     "hdf5plugin": "hdf5plugin",
     "mcap": "mcap",
+    "pyarrow": "pyarrow",
 }
 """Module: the name that pip knows."""
 

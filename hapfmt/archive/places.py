@@ -1,0 +1,232 @@
+"""Files, folders, patterns and URLs -> the files that are worked on, each with a name.
+
+A name is relative to the folder or pattern that found the file. Links to folders are not followed,
+so a loop of links ends nowhere. Hidden files are left out.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from glob import glob, has_magic
+from importlib import import_module
+from pathlib import Path, PurePosixPath
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+from ..convert.formats import HAPF, formats
+from ..errors import HapfmtError, ParameterError
+from ..format.source import is_url, network, shown
+
+FILE_URL = "file://"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A file to work on, or the reason why there is none.
+
+    ``name`` is relative to its source, with "/" between folders. ``location`` is its path or URL.
+    ``signature`` changes when the file does. ``error`` says why it cannot be worked on.
+    """
+
+    name: str
+    location: str
+    size: int = 0
+    signature: str = ""
+    error: str = ""
+
+    @property
+    def is_url(self) -> bool:
+        return is_url(self.location)
+
+    @property
+    def shown(self) -> str:
+        """The location without a password."""
+        return shown(self.location) if self.is_url else self.location
+
+
+Wanted = Callable[[str], bool]
+"""Whether files of a suffix are wanted, of those that a folder holds."""
+
+
+def is_hapf(suffix: str) -> bool:
+    return suffix == HAPF
+
+
+def is_foreign(suffix: str) -> bool:
+    """Suffixes of the formats that can be encoded."""
+    return any(suffix in one.suffixes for one in formats().values() if one.reads)
+
+
+def is_any(suffix: str) -> bool:
+    return is_hapf(suffix) or is_foreign(suffix)
+
+
+def local_path(location: str) -> str:
+    """The path of a file:// URL; any other text as it is."""
+    if location.lower().startswith(FILE_URL):
+        return unquote(urlsplit(location).path)
+    return location
+
+
+def find_places(sources: Iterable[str], wanted: Wanted) -> list[Place]:
+    """The files of all sources in order of their names; a file that is found twice counts once."""
+    found: dict[str, Place] = {}
+    for source in map(local_path, sources):
+        for place in remote_places(source, wanted) if is_url(source) else local(source, wanted):
+            key = place.location if place.is_url else str(Path(place.location).absolute())
+            found.setdefault(key, place)
+    return sorted(found.values(), key=lambda place: (place.name, place.location))
+
+
+def suffix_of(name: str) -> str:
+    return PurePosixPath(name).suffix.lower()
+
+
+def local(source: str, wanted: Wanted) -> Iterator[Place]:
+    path = Path(source)
+    if has_magic(source) and not os.path.lexists(source):
+        yield from matches(source, wanted)
+    elif path.is_dir():
+        yield from folder_places(path, "", wanted)
+    else:
+        yield place_of(path, path.name)
+
+
+def matches(pattern: str, wanted: Wanted) -> Iterator[Place]:
+    """Files that a pattern fits. Their names begin after its first folder without wildcards."""
+    parts = Path(pattern).parts
+    fixed = next(i for i, part in enumerate(parts) if has_magic(part))
+    root = Path(*parts[:fixed])
+    chosen = bool(suffix_of(pattern)) and not has_magic(suffix_of(pattern))
+    found = sorted(glob(pattern, recursive=True))  # noqa: PTH207 (its patterns may begin anywhere)
+    if not found:
+        yield Place(pattern, pattern, error="no file fits this pattern")
+    for name in found:
+        path = Path(name)
+        below = path.relative_to(root).as_posix()
+        if path.is_dir():
+            yield from () if path.is_symlink() else folder_places(path, f"{below}/", wanted)
+        elif chosen or wanted(suffix_of(name)):
+            yield place_of(path, below)
+
+
+def folder_places(folder: Path, prefix: str, wanted: Wanted) -> Iterator[Place]:
+    """What lies in a folder and below it, without recursion: folders may be deep."""
+    waiting = [(folder, prefix)]
+    markers = [one.folder for one in formats().values() if one.reads and one.folder]
+    while waiting:
+        here, before = waiting.pop()
+        try:
+            with os.scandir(here) as listed:
+                entries = sorted(listed, key=lambda entry: entry.name)
+        except OSError as error:
+            yield Place(before.rstrip("/") or str(here), str(here), error=reason(error))
+            continue
+        for entry in entries:
+            name = before + entry.name
+            if entry.name.startswith("."):
+                continue
+            if entry.is_dir(follow_symlinks=False):
+                inner = Path(entry.path)
+                # Some formats are folders: ROS 2 bags and sets of LeRobot.
+                if wanted(".npz") and any((inner / marker).exists() for marker in markers):
+                    yield folder_place(inner, name)
+                else:
+                    waiting.append((inner, f"{name}/"))
+            elif wanted(suffix_of(entry.name)) and not is_folder(entry):
+                yield place_of(Path(entry.path), name)
+
+
+def is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False
+
+
+def place_of(path: Path, name: str) -> Place:
+    try:
+        info = path.stat()
+    except OSError as error:
+        return Place(name, str(path), error=reason(error))
+    if not stat.S_ISREG(info.st_mode):
+        return Place(name, str(path), error="not a regular file")
+    return Place(name, str(path), info.st_size, f"{info.st_size} {info.st_mtime_ns}")
+
+
+def folder_place(folder: Path, name: str) -> Place:
+    """A recording that is a folder: its size and its latest change count."""
+    size, latest = 0, 0
+    for path in sorted(folder.rglob("*")):
+        try:
+            info = path.stat()
+        except OSError as error:
+            return Place(name, str(folder), error=reason(error))
+        size += info.st_size if stat.S_ISREG(info.st_mode) else 0
+        latest = max(latest, info.st_mtime_ns)
+    return Place(name, str(folder), size, f"{size} {latest}")
+
+
+def reason(error: OSError) -> str:
+    return error.strerror or str(error)
+
+
+def file_system(url: str) -> tuple[Any, str]:
+    """The file system of fsspec for a URL, and the path within it."""
+    try:
+        core = import_module("fsspec.core")
+        files, path = core.url_to_fs(url)
+    except ValueError as error:
+        raise ParameterError(f"{shown(url)}: {error}") from None
+    return files, path
+
+
+def remote_places(url: str, wanted: Wanted) -> Iterator[Place]:
+    try:
+        with network(shown(url)):
+            listed = remote_list(url)
+    except (HapfmtError, OSError) as error:
+        text = reason(error) if isinstance(error, OSError) else error.message
+        yield Place(shown(url), url, error=text)
+        return
+    chosen = len(listed) == 1 and listed[0][0] == PurePosixPath(urlsplit(url).path).name
+    for name, location, info in listed:
+        if chosen or wanted(suffix_of(name)):
+            size = int(info.get("size") or 0)
+            yield Place(name, location, size, f"{size} {stamp_of(info)}")
+
+
+def remote_list(url: str) -> list[tuple[str, str, dict[str, Any]]]:
+    """Name, URL and facts of each file."""
+    files, path = file_system(url)
+    is_http = url.lower().startswith("http")
+    if has_magic(path):
+        root = re.split(r"[^/]*[*?\[]", path)[0]
+        found = files.glob(path, detail=True)
+    elif (is_http and not path.endswith("/")) or (not is_http and files.isfile(path)):
+        root, found = path.rpartition("/")[0], {path: files.info(path)}
+    else:
+        root = path
+        found = files.find(path, detail=True)
+        if not found and not is_http and not files.exists(path):
+            raise FileNotFoundError(2, "not found", shown(url))
+    listed = []
+    for name, info in sorted(found.items()):
+        if info.get("type") == "directory":
+            continue
+        below = name[len(root) :].lstrip("/") if name.startswith(root) else name
+        if not any(part.startswith(".") for part in below.split("/")):
+            listed.append((below, files.unstrip_protocol(name), info))
+    return listed
+
+
+def stamp_of(info: dict[str, Any]) -> str:
+    """What changes with the content of a remote file, as far as its server says."""
+    for key in ("ETag", "etag", "LastModified", "mtime", "created"):
+        if info.get(key):
+            return str(info[key])
+    return ""

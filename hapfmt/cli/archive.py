@@ -1,0 +1,689 @@
+"""hapfmt archive: encode, check, recover, convert, catalogue and deposit many files at a time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ParameterError
+from ..files import atomic_write
+from ..numbers import counted
+from .common import (
+    HAPF,
+    asked_of,
+    echo_json,
+    force_option,
+    import_options,
+    input_format_option,
+    json_option,
+    memory_option,
+    output_option,
+    progress,
+    suffix_of,
+)
+from .encode import preset_options
+from .screen import JOINED, Column, Verb, in_options, note, say, table, width_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ..archive.jobs import FileOutcome, Job
+    from ..archive.places import Place
+    from ..archive.runs import Log, RunSummary
+    from ..limits import Limits
+
+SOURCES = "SOURCE..."
+TEXT_COLUMNS = ("file", "label", "unit", "quantity", "verdict")
+
+jobs_option = click.option(
+    "--jobs",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Work in N processes: a Dask cluster on this machine. [in this process]",
+)
+dask_option = click.option(
+    "--dask",
+    metavar="ADDRESS",
+    help="Work on the Dask cluster with this scheduler, such as tcp://10.0.0.1:8786. Its workers "
+    "need hapfmt, and see the files under the same names.",
+)
+log_option = click.option(
+    "--log",
+    metavar="FILE",
+    help="File that remembers what is done, so that an interrupted run can go on.",
+)
+
+
+@click.group()
+def archive() -> None:
+    """Work on many files: folders, patterns such as 'data/**/*.csv', and URLs.
+
+    One bad file never stops the others. The exit code is the worst of all files: 1, then 2, 3
+    and 4. An interrupted command goes on where it stopped when it is given again.
+
+    \b
+    hapfmt archive encode recordings/ archive/ --jobs 4
+    hapfmt archive catalogue archive/
+    hapfmt archive find archive/ --where "quantity = 'force' and rms > 2"
+    hapfmt archive bag archive/
+    hapfmt archive verify archive/
+    """
+
+
+def run_options(command: Any) -> Any:
+    for option in (json_option, memory_option, log_option, dask_option, jobs_option):
+        command = option(command)
+    return command
+
+
+@archive.command("encode", cls=Verb, short_help="Encode all recordings into a folder.")
+@click.argument("sources", metavar=SOURCES, nargs=-1, required=True)
+@click.argument("target", metavar="TARGET")
+@preset_options
+@import_options
+@input_format_option
+@run_options
+@force_option
+def encode_all(
+    sources: tuple[str, ...],
+    target: str,
+    preset: str,
+    input_format: str | None,
+    jobs: int | None,
+    dask: str | None,
+    log: str | None,
+    max_memory: Limits,
+    force: bool,
+    as_json: bool,
+    **given: Any,
+) -> int:
+    """Encode every recording of SOURCE into the folder TARGET, under the same names with .hapf.
+
+    SOURCE is a file, a folder, a pattern or a URL. TARGET is a folder or a URL such as
+    s3://bucket/archive. A recording that is done and unchanged is skipped.
+
+    \b
+    hapfmt archive encode recordings/ archive/
+    hapfmt archive encode 'day?/**/*.mcap' archive/ --jobs 4
+    """
+    from ..archive.jobs import Job
+    from ..archive.places import find_places, is_foreign
+    from ..encoder.settings import Settings, renamed
+
+    reading = {name: given.pop(name) for name in READING}
+    given["felt"] = given["felt"] or None
+    preset, given = renamed(preset, given)
+    Settings.of(preset, **given)
+    options = {
+        "preset": preset,
+        "given": given,
+        "format": input_format,
+        "reading": asked_of(reading),
+    }
+    with progress("looking for files"):
+        places = find_places(sources, (lambda _: True) if input_format else is_foreign)
+    return write_all(
+        lambda place, output, staging: Job(
+            "encode", place, output, staging, options, max_memory, force
+        ),
+        places, target, HAPF, "encoding", jobs, dask, log, as_json,
+    )  # fmt: skip
+
+
+READING = ("rate", "transpose", "select", "clock", "episode", "map", "keep_stamps")
+
+
+@archive.command("convert", cls=Verb, short_help="Convert all recordings into a folder.")
+@click.argument("sources", metavar=SOURCES, nargs=-1, required=True)
+@click.argument("target", metavar="TARGET")
+@click.option(
+    "--output-format",
+    metavar="FORMAT",
+    required=True,
+    help="Format of the outputs: hapf, npz, csv, mcap ... ('hapfmt inspect --formats' lists all).",
+)
+@import_options
+@input_format_option
+@run_options
+@force_option
+def convert_all(
+    sources: tuple[str, ...],
+    target: str,
+    output_format: str,
+    input_format: str | None,
+    jobs: int | None,
+    dask: str | None,
+    log: str | None,
+    max_memory: Limits,
+    force: bool,
+    as_json: bool,
+    **given: Any,
+) -> int:
+    """Convert every recording of SOURCE to one format, in the folder TARGET.
+
+    SOURCE and TARGET are as for archive encode. A .hapf output is lossless.
+
+    \b
+    hapfmt archive convert archive/ tables/ --output-format parquet
+    """
+    from ..archive.jobs import Job
+    from ..archive.places import find_places, is_any
+    from ..convert.formats import named
+
+    if output_format.lower().removeprefix(".") == "hapf":
+        suffix = HAPF
+    else:
+        chosen = named(output_format)
+        if not chosen.writes:
+            raise ParameterError(f"hapfmt does not write {chosen.title} files")
+        suffix = "" if chosen.folder else chosen.suffixes[0]
+    options = {
+        "suffix": suffix,
+        "output": output_format,
+        "format": input_format,
+        "reading": asked_of(given),
+    }
+    with progress("looking for files"):
+        places = find_places(
+            sources,
+            lambda found: bool(input_format) or (is_any(found) and (not suffix or found != suffix)),
+        )
+    return write_all(
+        lambda place, output, staging: Job(
+            "convert", place, output, staging, options, max_memory, force
+        ),
+        places, target, suffix, "converting", jobs, dask, log, as_json,
+    )  # fmt: skip
+
+
+@archive.command("recover", cls=Verb, short_help="Save what damaged files still contain.")
+@click.argument("sources", metavar=SOURCES, nargs=-1, required=True)
+@click.argument("target", metavar="TARGET")
+@run_options
+@force_option
+def recover_all(
+    sources: tuple[str, ...],
+    target: str,
+    jobs: int | None,
+    dask: str | None,
+    log: str | None,
+    max_memory: Limits,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Check every .hapf file, and write what damaged ones still contain into the folder TARGET.
+
+    Intact files are not copied. The exit code is 0 if nothing was lost.
+
+    \b
+    hapfmt archive recover archive/ recovered/
+    """
+    from ..archive.jobs import Job
+    from ..archive.places import find_places, is_hapf
+
+    with progress("looking for files"):
+        places = find_places(sources, is_hapf)
+    return write_all(
+        lambda place, output, staging: Job(
+            "recover", place, output, staging, {}, max_memory, force
+        ),
+        places, target, HAPF, "recovering", jobs, dask, log, as_json,
+    )  # fmt: skip
+
+
+def write_all(
+    job_of: Any,
+    places: Sequence[Place],
+    target: str,
+    suffix: str,
+    title: str,
+    jobs: int | None,
+    dask: str | None,
+    log: str | None,
+    as_json: bool,
+) -> int:
+    """Runs the jobs that write a file each."""
+    from dataclasses import replace
+
+    from ..archive.places import local_path
+    from ..archive.runs import (
+        FOLDER,
+        LOG,
+        STAGING,
+        empty_staging,
+        run,
+        skip_written,
+        targets_of,
+    )
+    from ..format.source import is_url
+
+    refuse_both(jobs, dask)
+    target = local_path(target)
+    if is_url(target):
+        if target.lower().startswith("http"):
+            raise ParameterError("a web server takes no files; give a folder or an s3:// URL")
+        if log is None:
+            raise ParameterError(
+                "a remote target needs --log FILE, a local file that remembers what is done"
+            )
+        staging, own = "", None
+    else:
+        if Path(target).exists() and not Path(target).is_dir():
+            raise ParameterError(f"{target} is a file; TARGET is a folder")
+        Path(target).mkdir(parents=True, exist_ok=True)
+        target = str(Path(target).resolve())
+        staging, own = str(Path(target) / FOLDER / STAGING), Path(target) / FOLDER / LOG
+    places = nothing_found(places)
+    targets, shared = targets_of(places, target, suffix)
+    work = []
+    for place, output in zip(places, targets, strict=True):
+        others = ", ".join(other.shown for other in shared.get(output, []) if other != place)
+        text = f"{others} would have the same target: {output}" if others else place.error
+        work.append(job_of(replace(place, error=text), output, staging))
+    with opened_log(Path(log) if log else own) as found:
+        if staging:
+            empty_staging(Path(staging))
+        began = time.perf_counter()
+        with progress(title) as advance:
+            outcomes = run(
+                work, workers=jobs, address=dask, log=found, skip=skip_written, progress=advance
+            )
+        if staging:
+            empty_staging(Path(staging))
+    return report(outcomes, time.perf_counter() - began, as_json)
+
+
+def refuse_both(jobs: int | None, dask: str | None) -> None:
+    if jobs and dask:
+        raise ParameterError("Give --jobs or --dask, not both")
+
+
+@contextmanager
+def opened_log(path: Path | None) -> Iterator[Log | None]:
+    from ..archive.runs import Log
+
+    if path is None:
+        yield None
+        return
+    with Log(path) as log:
+        yield log
+
+
+def nothing_found(places: Sequence[Place]) -> Sequence[Place]:
+    if not places:
+        note("no file was found that this command works on")
+    return places
+
+
+def report(
+    outcomes: Sequence[FileOutcome], seconds: float, as_json: bool, *, quiet: bool = False
+) -> int:
+    from ..archive.runs import RunSummary
+
+    for each in outcomes:
+        each.message = in_options(each.message)
+        each.notes = [in_options(text) for text in each.notes]
+    summary = RunSummary(list(outcomes), seconds)
+    if as_json:
+        echo_json(summary.as_json())
+        return summary.exit_code
+    show(summary, quiet=quiet and width_of() is None)
+    return summary.exit_code
+
+
+def show(summary: RunSummary, *, quiet: bool) -> None:
+    """Problems, then the numbers of files; ``quiet``: only if there are problems."""
+    problems = summary.problems
+    if problems:
+        table(
+            [Column("file"), Column("code", 1), Column("result", 2), Column("problem")],
+            [[each.name, str(each.exit_code), each.result, each.message] for each in problems],
+        )
+        say()
+    elif quiet or not summary.outcomes:
+        return
+    rows = []
+    for result, found in sorted(summary.counts().items()):
+        written = sum(each.written_size for each in found)
+        rows.append(
+            [
+                result,
+                str(len(found)),
+                megabytes(sum(each.read_size for each in found)),
+                megabytes(written) if written else "-",
+            ]
+        )
+    table(["result", "files", "read", "written"], rows)
+    if summary.seconds >= 1:
+        say(f"{counted(len(summary.outcomes), 'file')} in {summary.seconds:.1f}{JOINED}s")
+
+
+def megabytes(size: int) -> str:
+    for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if size >= scale:
+            return f"{size / scale:.3g}{JOINED}{unit}"
+    return f"{size}{JOINED}B"
+
+
+@archive.command("verify", cls=Verb, short_help="Check all files, and the bag around them.")
+@click.argument("sources", metavar=SOURCES, nargs=-1, required=True)
+@run_options
+def verify_all(
+    sources: tuple[str, ...],
+    jobs: int | None,
+    dask: str | None,
+    log: str | None,
+    max_memory: Limits,
+    as_json: bool,
+) -> int:
+    """Check every .hapf file against every rule of the format. Report rot, missing and unknown
+    files.
+
+    If SOURCE is a BagIt bag, all of its files are compared with its checksums too. Without a
+    terminal, as in cron, nothing is printed while all is good.
+
+    \b
+    hapfmt archive verify archive/
+    hapfmt archive verify archive/ --jobs 4 --json > report.json
+    """
+    from ..archive.bags import bag_work, is_bag
+    from ..archive.jobs import Job
+    from ..archive.places import find_places, is_hapf, local_path
+    from ..archive.runs import run
+
+    refuse_both(jobs, dask)
+    work: list[Job] = []
+    outcomes: list[FileOutcome] = []
+    plain = []
+    for source in map(local_path, sources):
+        if is_bag(source):
+            found, problems = bag_work(source, max_memory)
+            work += found
+            outcomes += problems
+        else:
+            plain.append(source)
+    with progress("looking for files"):
+        places = find_places(plain, is_hapf)
+    if not work and not outcomes:
+        nothing_found(places)
+    work += [Job("verify", place, limits=max_memory) for place in places]
+    began = time.perf_counter()
+    with opened_log(Path(log) if log else None) as known, progress("verifying") as advance:
+        outcomes += run(
+            work, workers=jobs, address=dask, log=known, skip=checked_before, progress=advance
+        )
+        if known:
+            known.remove()  # a complete check is not continued by the next one
+    return report(outcomes, time.perf_counter() - began, as_json, quiet=True)
+
+
+def checked_before(job: Job, done: dict[str, Any]) -> FileOutcome:
+    """What an interrupted run found out about a file that is unchanged since."""
+    from ..archive.jobs import FileOutcome
+
+    return FileOutcome(
+        job.place.name, done["result"], done["exit_code"], done["message"] or "",
+        read_size=job.place.size, rows=done.get("rows", []),
+    )  # fmt: skip
+
+
+@archive.command("catalogue", cls=Verb, short_help="Make a table of all channels.")
+@click.argument("sources", metavar=SOURCES, nargs=-1, required=True)
+@output_option("OUT.parquet", "Parquet file to write. [catalogue.parquet in the folder SOURCE]")
+@run_options
+@force_option
+def catalogue_all(
+    sources: tuple[str, ...],
+    output: str | None,
+    jobs: int | None,
+    dask: str | None,
+    log: str | None,
+    max_memory: Limits,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Write a table with one row for each channel of each .hapf file: label, unit, rate, times,
+    range, rms, checksum, verdict.
+
+    DuckDB, Polars and pandas read the table. If OUT is a catalogue already, only files that are
+    new or changed are read. --force reads all.
+
+    \b
+    hapfmt archive catalogue archive/
+    hapfmt archive catalogue s3://bucket/archive -o archive.parquet --jobs 4
+    """
+    from ..archive.catalogue import (
+        NAME,
+        polars,
+        to_parquet,
+    )
+    from ..archive.places import local_path
+
+    refuse_both(jobs, dask)
+    polars()
+    folders = [each for each in map(local_path, sources) if Path(each).is_dir()]
+    if output is None:
+        if len(sources) != 1 or not folders:
+            raise ParameterError("Give -o OUT.parquet, or one folder as SOURCE")
+        from ..archive.bags import is_bag
+
+        if is_bag(folders[0]):
+            raise ParameterError("a new file would make the bag invalid: give -o OUT.parquet")
+        output = str(Path(folders[0]) / NAME)
+    if suffix_of(output, None) != ".parquet":
+        raise ParameterError(f"a catalogue is a .parquet file, not {output}")
+    out = Path(local_path(output))
+    if not out.parent.is_dir():
+        raise ParameterError(f"{out}: the directory {out.parent} does not exist", path="")
+    began = time.perf_counter()
+    outcomes = catalogued_outcomes(sources, out, jobs, dask, log, max_memory, force=force)
+    data = to_parquet(row for each in outcomes for row in each.rows)
+    with atomic_write(out, force=True) as stream:
+        stream.write(data)
+    rows = sum(len(each.rows) for each in outcomes)
+    code = report(outcomes, time.perf_counter() - began, as_json)
+    if not as_json:
+        say(f"{out}: {counted(rows, 'row')}, {megabytes(len(data))}")
+    return code
+
+
+def catalogued_outcomes(
+    sources: Sequence[str],
+    out: Path,
+    jobs: int | None,
+    dask: str | None,
+    log: str | None,
+    limits: Limits,
+    *,
+    force: bool,
+) -> list[FileOutcome]:
+    """The rows of all files; those of unchanged files come from an earlier catalogue ``out``."""
+    from ..archive.catalogue import catalogue_jobs, catalogued, known_rows
+    from ..archive.places import find_places, is_hapf
+    from ..archive.runs import FOLDER, run
+
+    known = {} if force else known_rows(out)
+    with progress("looking for files"):
+        places = nothing_found(find_places(sources, is_hapf))
+    work = catalogue_jobs(places, out, limits)
+    old = catalogued(work, known)
+    fresh = [job for place, job in enumerate(work) if place not in old]
+    path = Path(log) if log else out.parent / FOLDER / f"{out.name}.jsonl"
+    with opened_log(path) as unfinished, progress("reading") as advance:
+        found = iter(
+            run(
+                fresh, workers=jobs, address=dask, log=unfinished, skip=checked_before,
+                progress=advance,
+            )
+        )  # fmt: skip
+        outcomes = [old[place] if place in old else next(found) for place in range(len(work))]
+        if unfinished:
+            unfinished.remove()
+    return outcomes
+
+
+@archive.command("bag", cls=Verb, short_help="Make a folder a BagIt bag with RO-Crate metadata.")
+@click.argument("folder", metavar="FOLDER")
+@click.option("--title", metavar="TEXT", default="", help="Name of the deposit. [the folder's]")
+@click.option("--description", metavar="TEXT", default="", help="What it holds.")
+@click.option("--license", "license_", metavar="URL", default="", help="Its licence.")
+@click.option("--author", "authors", metavar="NAME", multiple=True, help="May be repeated.")
+@click.option(
+    "--info",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="A line of bag-info.txt, such as Source-Organization=Lab. May be repeated.",
+)
+@run_options
+@click.option("-f", "--force", is_flag=True, help="Also bag files that are not intact.")
+def bag_folder(
+    folder: str,
+    title: str,
+    description: str,
+    license_: str,
+    authors: tuple[str, ...],
+    info: tuple[str, ...],
+    jobs: int | None,
+    dask: str | None,
+    log: str | None,
+    max_memory: Limits,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Make FOLDER a BagIt bag (RFC 8493). Its files move to FOLDER/data and get checksums.
+
+    The bag holds a catalogue (catalogue.parquet) and an RO-Crate (ro-crate-metadata.json) made from
+    it. A folder with a damaged file is refused.
+
+    \b
+    hapfmt archive bag archive/ --title "Grasps, 2026" --author "A. Author"
+    hapfmt archive verify archive/
+    """
+    from ..archive.bags import (
+        CRATE,
+        DepositFacts,
+        bagit,
+        crate_of,
+        is_bag,
+        is_ours,
+        unbaggable,
+        unpack_unfinished,
+        write_bag,
+    )
+    from ..archive.catalogue import NAME, polars, to_parquet
+    from ..archive.places import local_path
+    from ..archive.runs import FOLDER, empty_staging
+
+    refuse_both(jobs, dask)
+    pairs = []
+    for each in info:
+        name, equals, value = each.partition("=")
+        if not equals:
+            raise ParameterError(f"Expected KEY=VALUE, got {each!r}")
+        pairs.append((name, value))
+    about = DepositFacts(title, description, license_, authors, tuple(pairs))
+    polars()
+    bagit()
+    root = Path(local_path(folder))
+    if not root.is_dir():
+        raise ParameterError(f"{folder} is not a folder; a bag is made of a local folder")
+    if is_bag(str(root)):
+        raise ParameterError(
+            f"{folder} is a bag already; to check it, run: hapfmt archive verify {folder}"
+        )
+    root = root.resolve()
+    unpack_unfinished(root)
+    began = time.perf_counter()
+    if problems := unbaggable(root):
+        return report(problems, time.perf_counter() - began, as_json)
+    if (root / CRATE).exists() and not is_ours(root / CRATE):
+        raise ParameterError(f"{root / CRATE} exists already, and hapfmt did not write it")
+    outcomes = catalogued_outcomes(
+        [str(root)], root / NAME, jobs, dask, log, max_memory, force=False
+    )
+    if not force and any(each.exit_code for each in outcomes):
+        code = report(outcomes, time.perf_counter() - began, as_json)
+        note("nothing was bagged: recover or remove these files, or give --force")
+        return code
+    rows = [row for each in outcomes for row in each.rows]
+    empty_staging(root / FOLDER)
+    for name, data in ((NAME, to_parquet(rows)), (CRATE, crate_of(root, rows, about, NAME))):
+        with atomic_write(root / name, force=True) as stream:
+            stream.write(data)
+    with progress("computing checksums"):
+        made = write_bag(root, about, jobs or 1)
+    if as_json:
+        echo_json({"bag": str(root), "file_count": len(outcomes), "exit_code": 0, **made})
+    else:
+        say(
+            f"{folder}: a bag of {counted(made['payload_count'], 'file')}, "
+            f"{megabytes(made['payload_size'])}"
+        )
+    return 0
+
+
+@archive.command("find", cls=Verb, short_help="List channels of a catalogue.")
+@click.argument("catalogue", metavar="CATALOGUE")
+@click.option(
+    "--where",
+    metavar="SQL",
+    help="An SQL expression over the columns: \"quantity = 'force' and rms > 2\". [all rows]",
+)
+@click.option("--files", is_flag=True, help="Print the names of the files alone, one a line.")
+@json_option
+def find_rows(catalogue: str, where: str | None, files: bool, as_json: bool) -> int:
+    """List the channels of CATALOGUE, a Parquet file or the folder that holds it.
+
+    The columns are: file, channel, label, unit, quantity, axis, group, device, body_site, rate,
+    start, duration, samples, missing, min, max, rms, recorded, uuid, encoder, file_size,
+    checksum, verdict, error.
+
+    \b
+    hapfmt archive find archive/ --where "quantity = 'force' and rms > 2"
+    hapfmt archive find archive/ --where "verdict <> 'intact'" --files
+    """
+    from ..archive.catalogue import as_json as row_json
+    from ..archive.catalogue import find, read
+
+    found = find(read(catalogue), where)
+    rows = found.to_dicts()
+    if as_json:
+        echo_json({"rows": [row_json(row) for row in rows], "exit_code": 0})
+    elif files:
+        for name in dict.fromkeys(row["file"] for row in rows):
+            say(name, whole=True)
+    else:
+        show_rows(rows)
+    return 0
+
+
+def show_rows(rows: Sequence[dict[str, Any]]) -> None:
+    headers = [
+        Column("label"), Column("file"), Column("unit"), Column("quantity", 5), Column("Hz", 4),
+        Column("seconds", 3), Column("min", 7), Column("max", 6), Column("rms"),
+        Column("verdict", 2),
+    ]  # fmt: skip
+    cells = [
+        [
+            row["label"] or ("-" if row["channel"] is None else f"channel {row['channel']}"),
+            row["file"],
+            row["unit"] or "-",
+            row["quantity"] or "-",
+            *(number(row[name]) for name in ("rate", "duration", "min", "max", "rms")),
+            row["verdict"],
+        ]
+        for row in rows
+    ]
+    if cells:
+        table(headers, cells)
+    count = len({row["file"] for row in rows})
+    say(f"{counted(len(rows), 'channel')} in {counted(count, 'file')}")
+
+
+def number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"

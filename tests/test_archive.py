@@ -1,0 +1,840 @@
+"""hapfmt archive: many files, a catalogue, bags."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import commands
+import numpy as np
+import pytest
+from server import serving
+
+import hapfmt
+from hapfmt.archive import jobs, places, runs, work
+from hapfmt.archive.places import Place
+from hapfmt.limits import Limits
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="names and links of POSIX")
+AS_ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
+NAMES = ["plain", "with space", "gräße", "日本", "line\nbreak", "quote'\"", "-dash", "a.b"]
+
+
+def signal_of(seed: int, size: int = 300) -> np.ndarray[Any, Any]:
+    rng = np.random.default_rng(seed)
+    return np.round(rng.normal(0, 2, (2, size)), 3)
+
+
+def write_npz(path: Path, seed: int = 1, size: int = 300) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    recording = hapfmt.Recording.from_array(
+        signal_of(seed, size), rate=1000, labels=["fx", "fy"], units="N"
+    )
+    hapfmt.save(recording, path, force=True)
+
+
+def write_hapf(path: Path, seed: int = 1, size: int = 300) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    hapfmt.write(signal_of(seed, size), path, rate=1000, labels=["fx", "fy"], units=["N", "mm"])
+
+
+def archive(*words: object, cwd: Path, code: int = 0) -> str:
+    done = commands.run("archive", *words, cwd=cwd)
+    assert done.returncode == code, done.stdout.decode() + done.stderr.decode()
+    assert b"Traceback" not in done.stderr
+    return done.stdout.decode()
+
+
+def report(*words: object, cwd: Path, code: int = 0) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(archive(*words, "--json", cwd=cwd, code=code))
+    assert found["exit_code"] == code
+    return found
+
+
+def results(found: dict[str, Any]) -> dict[str, str]:
+    return {each["file"]: each["result"] for each in found["files"]}
+
+
+def visible(folder: Path) -> set[str]:
+    """Files of a folder, but for the log."""
+    found = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    return found - {".hapfmt-archive/log.jsonl"}
+
+
+def damage(path: Path) -> None:
+    """One byte in the middle, where the packets are."""
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0x40
+    path.write_bytes(data)
+
+
+class TestEncode:
+    def test_every_name_comes_back_whole_and_is_skipped_the_next_time(self, tmp_path: Path):
+        for seed, name in enumerate(NAMES):
+            write_npz(tmp_path / "in" / f"sub {seed % 2}" / f"{name}.npz", seed)
+        (tmp_path / "in" / "notes.txt").write_text("no recording")
+        (tmp_path / "in" / ".hidden.npz").write_text("no recording")
+        found = report("encode", "in", "out", cwd=tmp_path)
+        assert found["results"] == {"encoded": len(NAMES)}
+        targets = {f"sub {seed % 2}/{name}.hapf" for seed, name in enumerate(NAMES)}
+        assert visible(tmp_path / "out") == targets
+        for seed, name in enumerate(NAMES):
+            back = hapfmt.read(tmp_path / "out" / f"sub {seed % 2}" / f"{name}.hapf")
+            assert np.array_equal(back.to_numpy(), signal_of(seed))
+        before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*.hapf")}
+        found = report("encode", "in", "out", cwd=tmp_path)
+        assert found["results"] == {"skipped": len(NAMES)}
+        assert before == {path: path.stat().st_mtime_ns for path in before}
+
+    def test_a_changed_source_is_refused_without_force(self, tmp_path: Path):
+        write_npz(tmp_path / "in" / "a.npz", 1)
+        archive("encode", "in", "out", cwd=tmp_path)
+        write_npz(tmp_path / "in" / "a.npz", 2, 400)
+        found = report("encode", "in", "out", cwd=tmp_path, code=1)
+        assert "already exists; use --force" in archive("encode", "in", "out", cwd=tmp_path, code=1)
+        assert results(found) == {"a.npz": "failed"}
+        assert len(hapfmt.read(tmp_path / "out" / "a.hapf")["fx"].to_numpy()) == 300
+        found = report("encode", "in", "out", "--force", cwd=tmp_path)
+        assert results(found) == {"a.npz": "encoded"}
+        assert len(hapfmt.read(tmp_path / "out" / "a.hapf")["fx"].to_numpy()) == 400
+
+    def test_other_options_are_not_done_yet(self, tmp_path: Path):
+        write_npz(tmp_path / "in" / "a.npz")
+        archive("encode", "in", "out", cwd=tmp_path)
+        more = ("--preset", "near-lossless", "--max-error", "1%")
+        assert report("encode", "in", "out", *more, cwd=tmp_path, code=1)["results"] == {
+            "failed": 1
+        }
+        found = report("encode", "in", "out", *more, "--force", cwd=tmp_path)
+        assert found["results"] == {"encoded": 1}
+        found = report("encode", "in", "out", *more, cwd=tmp_path)
+        assert found["results"] == {"skipped": 1}
+
+    def test_a_file_of_somebody_else_stays(self, tmp_path: Path):
+        write_npz(tmp_path / "in" / "a.npz")
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "a.hapf").write_text("mine")
+        report("encode", "in", "out", cwd=tmp_path, code=1)
+        report("encode", "in", "out", cwd=tmp_path, code=1)  # nor is it taken for our own
+        assert (tmp_path / "out" / "a.hapf").read_text() == "mine"
+
+    def test_bad_files_are_one_line_each_and_stop_nothing(self, tmp_path: Path):
+        folder = tmp_path / "in"
+        write_npz(folder / "good.npz")
+        (folder / "bad.npz").write_text("junk")
+        (folder / "empty.csv").write_text("")
+        (folder / "loop.npz").symlink_to("loop.npz")
+        (folder / "gone.npz").symlink_to("nothing")
+        os.mkfifo(folder / "pipe.npz")
+        (folder / "deep").mkdir()
+        (folder / "deep" / "up").symlink_to(folder)  # a loop of folders
+        found = report("encode", "in", "out", cwd=tmp_path, code=1)
+        assert results(found) == {"good.npz": "encoded"} | dict.fromkeys(
+            ["bad.npz", "empty.csv", "loop.npz", "gone.npz", "pipe.npz"], "failed"
+        )
+        assert all(each["message"] for each in found["files"] if each["exit_code"])
+        assert visible(tmp_path / "out") == {"good.hapf"}
+        lines = archive("encode", "in", "out", cwd=tmp_path, code=1).splitlines()
+        for name in ("bad.npz", "empty.csv", "loop.npz", "gone.npz", "pipe.npz"):
+            assert sum(line.startswith(f"{name} ") for line in lines) == 1
+
+    def test_two_sources_of_one_target_are_both_refused(self, tmp_path: Path):
+        for name in ("a.npz", "a.npy.npz", "b.npz"):
+            write_npz(tmp_path / "in" / name)
+        (tmp_path / "in" / "a.csv").write_text("t,fx\n0,1\n0.001,2\n0.002,3\n")
+        found = report("encode", "in", "out", cwd=tmp_path, code=1)
+        assert results(found) == {
+            "a.csv": "failed", "a.npz": "failed", "a.npy.npz": "encoded", "b.npz": "encoded",
+        }  # fmt: skip
+        assert "same target" in found["files"][0]["message"]
+        assert "a.npz" in found["files"][0]["message"]
+        assert visible(tmp_path / "out") == {"a.npy.hapf", "b.hapf"}
+
+    def test_patterns_and_single_files(self, tmp_path: Path):
+        for day in ("day1", "day2", "night"):
+            write_npz(tmp_path / day / "x" / "a.npz")
+        found = report("encode", "day?/**/*.npz", "out", cwd=tmp_path)
+        assert visible(tmp_path / "out") == {"day1/x/a.hapf", "day2/x/a.hapf"}
+        found = report("encode", "night/x/a.npz", "one", cwd=tmp_path)
+        assert visible(tmp_path / "one") == {"a.hapf"}
+        found = report("encode", "nothing*.npz", "missing.npz", "out", cwd=tmp_path, code=1)
+        assert results(found) == {"nothing*.npz": "failed", "missing.npz": "failed"}
+
+    def test_an_empty_folder(self, tmp_path: Path):
+        (tmp_path / "in").mkdir()
+        done = commands.run("archive", "encode", "in", "out", cwd=tmp_path)
+        assert done.returncode == 0
+        assert b"no file was found" in done.stderr
+
+    def test_targets_that_cannot_be(self, tmp_path: Path):
+        write_npz(tmp_path / "in" / "a.npz")
+        (tmp_path / "file").write_text("")
+        for target in ("file", "http://127.0.0.1:1/x", "memory://x"):
+            report("encode", "in", target, cwd=tmp_path, code=1) if target == "" else None
+            done = commands.run("archive", "encode", "in", target, cwd=tmp_path)
+            assert done.returncode == 1
+            assert done.stderr.startswith(b"hapfmt: ")
+
+    @pytest.mark.skipif(AS_ROOT, reason="root may write and read everything")
+    def test_what_may_not_be_read_or_written(self, tmp_path: Path):
+        for name in ("a", "b"):
+            write_npz(tmp_path / "in" / name / "x.npz")
+        (tmp_path / "in" / "a" / "x.npz").chmod(0)
+        (tmp_path / "out" / "b").mkdir(parents=True)
+        (tmp_path / "out" / "b").chmod(0o500)
+        found = report("encode", "in", "out", cwd=tmp_path, code=1)
+        (tmp_path / "out" / "b").chmod(0o700)
+        assert {each["message"] for each in found["files"]} == {"Permission denied"}
+
+    def test_a_full_disk_costs_that_file_alone(self, tmp_path: Path):
+        """A limit on the size of files stands for the disk."""
+        write_npz(tmp_path / "in" / "a.npz", 1, 20)
+        write_npz(tmp_path / "in" / "b.npz", 2, 40_000)
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+        try:
+            found = in_process(tmp_path / "in", tmp_path / "out")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+            signal.signal(signal.SIGXFSZ, before)
+        assert [each.exit_code for each in found] == [0, 1]
+        assert found[1].message == "File too large"
+        assert visible(tmp_path / "out") == {"a.hapf"}
+        assert [each.result for each in in_process(tmp_path / "in", tmp_path / "out")] == [
+            "skipped", "encoded",
+        ]  # fmt: skip
+
+    def test_a_fault_of_a_library_is_one_line(self, tmp_path: Path, monkeypatch):
+        def fail(_job: object, _outcome: object) -> None:
+            raise RecursionError("too deep")
+
+        monkeypatch.setitem(work.WORK, "encode", fail)
+        write_npz(tmp_path / "in" / "a.npz")
+        (found,) = in_process(tmp_path / "in", tmp_path / "out")
+        assert (found.exit_code, found.message) == (1, "internal error: RecursionError: too deep")
+
+
+def encode_jobs(source: Path, target: Path, **more: Any) -> list[jobs.Job]:
+    found = places.find_places([str(source)], places.is_foreign)
+    targets, _ = runs.targets_of(found, str(target), ".hapf")
+    options = {"preset": "lossless", "given": {}, "reading": {}}
+    staging = str(target / runs.FOLDER / runs.STAGING)
+    return [
+        jobs.Job("encode", place, output, staging, options, **more)
+        for place, output in zip(found, targets, strict=True)
+    ]
+
+
+def in_process(source: Path, target: Path) -> list[jobs.FileOutcome]:
+    with runs.Log(target / runs.FOLDER / runs.LOG) as log:
+        found = runs.run(encode_jobs(source, target), log=log, skip=runs.skip_written)
+        runs.empty_staging(target / runs.FOLDER / runs.STAGING)
+        return found
+
+
+class TestInterrupted:
+    def test_killed_between_the_file_and_its_line_in_the_log(self, tmp_path: Path, monkeypatch):
+        write_npz(tmp_path / "in" / "a.npz")
+        original = runs.run_job
+
+        def killed(job: jobs.Job) -> jobs.FileOutcome:
+            original(job)
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(runs, "run_job", killed)
+        with pytest.raises(KeyboardInterrupt):
+            in_process(tmp_path / "in", tmp_path / "out")
+        monkeypatch.undo()
+        assert visible(tmp_path / "out") == {"a.hapf"}
+        (found,) = in_process(tmp_path / "in", tmp_path / "out")
+        assert (found.result, found.exit_code) == ("skipped", 0)
+
+    def test_interrupted_while_a_file_is_encoded(self, tmp_path: Path, monkeypatch):
+        from hapfmt.writing import writer
+
+        write_npz(tmp_path / "in" / "a.npz")
+        write = writer.write
+
+        def interrupted(_recording: Any, file: Path, *_: Any, **_options: Any) -> None:
+            file.write_bytes(b"a part")
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(writer, "write", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            in_process(tmp_path / "in", tmp_path / "out")
+        assert visible(tmp_path / "out") == set()
+        monkeypatch.setattr(writer, "write", write)
+        (found,) = in_process(tmp_path / "in", tmp_path / "out")
+        assert (found.result, found.exit_code) == ("encoded", 0)
+
+    def test_what_a_killed_run_left_unfinished_goes(self, tmp_path: Path):
+        write_npz(tmp_path / "in" / "a.npz")
+        left = tmp_path / "out" / runs.FOLDER / runs.STAGING
+        left.mkdir(parents=True)
+        (left / "0123.hapf").write_bytes(b"a part")
+        report("encode", "in", "out", cwd=tmp_path)
+        assert visible(tmp_path / "out") == {"a.hapf"}
+
+    def test_a_log_that_a_crash_cut_or_somebody_broke(self, tmp_path: Path):
+        for name in ("a", "b"):
+            write_npz(tmp_path / "in" / f"{name}.npz")
+        report("encode", "in", "out", cwd=tmp_path)
+        path = tmp_path / "out" / runs.FOLDER / runs.LOG
+        lines = path.read_bytes().splitlines(keepends=True)
+        odd = [b"\xff\n", b"[]\n", b'{"file": 3, "stamp": []}\n', b'{"file": "x"}\n', b"null\n"]
+        path.write_bytes(b"".join([*lines[:2], *odd, lines[2], lines[3][:-20]]))
+        # The second file is whole, and the log says that it was begun here.
+        assert report("encode", "in", "out", cwd=tmp_path)["results"] == {"skipped": 2}
+        assert report("encode", "in", "out", cwd=tmp_path)["results"] == {"skipped": 2}
+
+    def test_one_run_at_a_time(self, tmp_path: Path):
+        write_npz(tmp_path / "in" / "a.npz")
+        with runs.Log(tmp_path / "out" / runs.FOLDER / runs.LOG):
+            done = commands.run("archive", "encode", "in", "out", cwd=tmp_path)
+        assert done.returncode == 1
+        assert b"another run uses the log" in done.stderr
+
+    @pytest.mark.deep
+    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+    @pytest.mark.parametrize("more", [(), ("--jobs", "2")], ids=["here", "jobs"])
+    def test_ended_in_the_middle(self, tmp_path: Path, number: signal.Signals, more: tuple[str]):
+        if more:
+            pytest.importorskip("distributed")
+        for seed in range(60):
+            write_npz(tmp_path / "in" / f"{seed}.npz", seed, 30_000)
+        words = [sys.executable, "-m", "hapfmt", "archive", "encode", "in", "out", *more]
+        process = subprocess.Popen(
+            words, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE,
+            start_new_session=True,
+        )  # fmt: skip
+        while not list((tmp_path / "out").glob("1*.hapf")) and process.poll() is None:
+            time.sleep(0.01)
+        assert process.poll() is None
+        os.killpg(process.pid, number)
+        process.communicate()
+        assert process.returncode == (1 if number == signal.SIGINT else -number)
+        whole = list((tmp_path / "out").glob("*.hapf"))
+        assert 0 < len(whole) < 60
+        assert [path for path in whole if hapfmt.verify(path).exit_code] == []
+        found = report("encode", "in", "out", cwd=tmp_path)
+        assert found["results"]["skipped"] >= len(whole)
+        assert sum(found["results"].values()) == 60
+        assert visible(tmp_path / "out") == {f"{seed}.hapf" for seed in range(60)}
+
+
+class TestRecoverAndConvert:
+    def test_only_damaged_files_are_written(self, tmp_path: Path):
+        for name in ("a", "b"):
+            write_hapf(tmp_path / "in" / f"{name}.hapf", size=3000)
+        damage(tmp_path / "in" / "b.hapf")
+        found = report("recover", "in", "out", cwd=tmp_path, code=3)
+        assert results(found) == {"a.hapf": "intact", "b.hapf": "recovered"}
+        assert visible(tmp_path / "out") == {"b.hapf"}
+        assert hapfmt.verify(tmp_path / "out" / "b.hapf").exit_code == 0
+        assert found["files"][1]["message"]
+        # The loss stays in the exit code, although nothing is done again.
+        assert report("recover", "in", "out", cwd=tmp_path, code=3)["results"] == {"skipped": 2}
+
+    def test_to_another_format_and_back(self, tmp_path: Path):
+        write_hapf(tmp_path / "in" / "s" / "a.hapf", 3)
+        report("convert", "in", "csvs", "--output-format", "csv", cwd=tmp_path)
+        report("convert", "csvs", "back", "--output-format", "hapf", cwd=tmp_path)
+        assert visible(tmp_path / "back") == {"s/a.hapf"}
+        back = hapfmt.read(tmp_path / "back" / "s" / "a.hapf")
+        assert np.array_equal(back.to_numpy(), signal_of(3))
+        done = commands.run("archive", "convert", "in", "x", "--output-format", "xdf", cwd=tmp_path)
+        assert done.returncode == 1
+        assert b"does not write" in done.stderr
+
+
+class TestVerify:
+    def test_quiet_when_all_is_good(self, tmp_path: Path):
+        write_hapf(tmp_path / "in" / "a.hapf")
+        assert archive("verify", "in", cwd=tmp_path) == ""
+        shown = commands.run_in_terminal("archive", "verify", "in", cwd=tmp_path)
+        assert b"intact" in shown.stdout
+
+    def test_the_worst_code_counts(self, tmp_path: Path):
+        for name in ("a", "b", "c"):
+            write_hapf(tmp_path / "in" / f"{name}.hapf", size=3000)
+        damage(tmp_path / "in" / "a.hapf")
+        found = report("verify", "in", cwd=tmp_path, code=3)
+        assert results(found) == {"a.hapf": "damaged", "b.hapf": "intact", "c.hapf": "intact"}
+        (tmp_path / "in" / "b.hapf").write_text("junk")
+        found = report("verify", "in", cwd=tmp_path, code=2)
+        assert found["results"] == {"damaged": 1, "nonconforming": 1, "intact": 1}
+        (tmp_path / "in" / "c.hapf").unlink()
+        (tmp_path / "in" / "c.hapf").symlink_to("c.hapf")
+        report("verify", "in", cwd=tmp_path, code=1)
+
+    def test_worst_of_all_codes(self):
+        def code(*codes: int) -> int:
+            return runs.RunSummary([jobs.FileOutcome("", "", each) for each in codes]).exit_code
+
+        assert [code(), code(0), code(4, 0), code(3, 4), code(4, 2, 3), code(2, 1)] == [
+            0, 0, 4, 3, 2, 1,
+        ]  # fmt: skip
+
+    def test_a_large_file_is_not_read_into_memory(self, tmp_path: Path, monkeypatch):
+        monkeypatch.setattr(jobs, "WHOLE", 10)
+        path = tmp_path / "a.hapf"
+        write_hapf(path)
+        place = places.place_of(path, "a.hapf")
+        assert jobs.content(place) == str(path)
+        import hashlib
+
+        good = hashlib.sha256(path.read_bytes()).hexdigest()
+        for expected, code in ((good.upper(), 0), ("00", 3)):
+            job = jobs.Job("verify", place, options={"expected": {"sha256": expected}})
+            assert work.run_job(job).exit_code == code
+
+    def test_an_interrupted_check_goes_on(self, tmp_path: Path):
+        for name in ("a", "b"):
+            write_hapf(tmp_path / "in" / f"{name}.hapf", size=3000)
+        damage(tmp_path / "in" / "a.hapf")
+        checks = [
+            jobs.Job("verify", place)
+            for place in places.find_places([str(tmp_path / "in")], places.is_hapf)
+        ]
+        with runs.Log(tmp_path / "log") as log:
+            runs.run(checks[:1], log=log)
+        os.utime(tmp_path / "in" / "b.hapf")
+        found = report("verify", str(tmp_path / "in"), "--log", "log", cwd=tmp_path, code=3)
+        assert results(found) == {"a.hapf": "damaged", "b.hapf": "intact"}
+        assert not (tmp_path / "log").exists()  # the next check begins again
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Three files, one of them damaged, one in a folder; and their catalogue."""
+    pytest.importorskip("polars")
+    room = tmp_path_factory.mktemp("held")
+    write_hapf(room / "in" / "a.hapf", 1, 3000)
+    write_hapf(room / "in" / "sub dir" / "line\nbreak.hapf", 2)
+    channel = hapfmt.Channel(
+        np.array([3, -4, 12], np.int32), rate="44100/7", label="", unit="mm",
+        coverage=(hapfmt.Span(10, 12), hapfmt.Span(20, 21)), quantity="displacement",
+        calibration=hapfmt.Calibration(1, 0, 2),
+    )  # fmt: skip
+    recording = hapfmt.Recording((channel,), epoch_ns=1_700_000_000_123_456_789)
+    hapfmt.write(recording, room / "in" / "gap.hapf")
+    report("catalogue", "in", cwd=room)
+    yield room
+
+
+class TestCatalogue:
+    def test_a_row_for_each_channel(self, held: Path):
+        import hashlib
+
+        import polars
+
+        rows = polars.read_parquet(held / "in" / "catalogue.parquet").to_dicts()
+        assert [(row["file"], row["channel"], row["label"]) for row in rows] == [
+            ("a.hapf", 0, "fx"), ("a.hapf", 1, "fy"), ("gap.hapf", 0, ""),
+            ("sub dir/line\nbreak.hapf", 0, "fx"), ("sub dir/line\nbreak.hapf", 1, "fy"),
+        ]  # fmt: skip
+        x, y = signal_of(1, 3000)
+        for row, values, unit in zip(rows[:2], (x, y), ("N", "mm"), strict=True):
+            assert (row["min"], row["max"], row["unit"]) == (values.min(), values.max(), unit)
+            assert row["rms"] == pytest.approx(np.sqrt(np.mean(values**2)), rel=1e-12)
+            assert (row["rate"], row["start"], row["duration"]) == (1000, 0, 3)
+            assert (row["samples"], row["missing"], row["verdict"]) == (3000, 0, "intact")
+        gap = rows[2]
+        assert (gap["samples"], gap["missing"], gap["quantity"]) == (3, 8, "displacement")
+        assert (gap["min"], gap["max"], gap["rms"]) == (-2, 6, np.sqrt((1.5**2 + 4 + 36) / 3))
+        assert (gap["start"], gap["duration"]) == (10 / 6300, 11 / 6300)
+        assert (gap["rate_exact"], gap["rate"]) == ("6300", 6300)
+        assert gap["recorded"].isoformat() == "2023-11-14T22:13:20.123456+00:00"
+        data = (held / "in" / "gap.hapf").read_bytes()
+        assert (gap["checksum"], gap["file_size"]) == (hashlib.sha256(data).hexdigest(), len(data))
+
+    def test_duckdb_and_pandas_read_it(self, held: Path):
+        path = held / "in" / "catalogue.parquet"
+        pandas = pytest.importorskip("pandas")
+        frame = pandas.read_parquet(path)
+        assert frame["samples"].tolist() == [3000, 3000, 3, 300, 300]
+        duckdb = pytest.importorskip("duckdb")
+        found = duckdb.sql(
+            f"select label, count(*), max(rms) from '{path}' group by label order by label"
+        ).fetchall()
+        assert [row[:2] for row in found] == [("", 1), ("fx", 2), ("fy", 2)]
+
+    def test_only_new_and_changed_files_are_read(self, held: Path, tmp_path: Path):
+        shutil.copytree(held / "in", tmp_path / "in")
+        write_hapf(tmp_path / "in" / "new.hapf", 7)
+        damage(tmp_path / "in" / "a.hapf")
+        (tmp_path / "in" / "gap.hapf").unlink()
+        found = report("catalogue", "in", cwd=tmp_path, code=3)
+        assert results(found) == {
+            "a.hapf": "damaged", "new.hapf": "intact", "sub dir/line\nbreak.hapf": "unchanged",
+        }  # fmt: skip
+        found = report("catalogue", "in", cwd=tmp_path, code=3)  # the damage is not forgotten
+        assert found["results"] == {"unchanged": 3}
+        found = report("find", "in", "--where", "verdict <> 'intact'", cwd=tmp_path)
+        rows = found["rows"]
+        assert [row["file"] for row in rows] == ["a.hapf"] * 2
+        assert any(row["samples"] < 3000 for row in rows)
+        assert all(row["error"] for row in rows)
+        assert visible(tmp_path / "in") == {
+            "a.hapf", "new.hapf", "sub dir/line\nbreak.hapf", "catalogue.parquet",
+        }  # fmt: skip
+
+    def test_what_cannot_be_read_has_a_row(self, tmp_path: Path):
+        pytest.importorskip("polars")
+        (tmp_path / "in").mkdir()
+        (tmp_path / "in" / "junk.hapf").write_text("junk")
+        name = os.fsdecode(b"\xff\xfe.hapf")
+        write_hapf(tmp_path / "in" / name)
+        report("catalogue", "in", "-o", "c.parquet", cwd=tmp_path, code=2)
+        rows = report("find", "c.parquet", cwd=tmp_path)["rows"]
+        assert [row["file"] for row in rows] == ["in/junk.hapf"] + ["in/\\udcff\\udcfe.hapf"] * 2
+        assert (rows[0]["channel"], rows[0]["verdict"]) == (None, "nonconforming")
+
+    def test_an_interrupted_catalogue_goes_on(self, held: Path, tmp_path: Path):
+        from hapfmt.archive.catalogue import catalogue_jobs
+
+        found = places.find_places([str(held / "in")], places.is_hapf)
+        todo = catalogue_jobs(found, tmp_path / "c.parquet", Limits())
+        with runs.Log(tmp_path / runs.FOLDER / "c.parquet.jsonl") as log:
+            runs.run(todo[:2], log=log)
+        report("catalogue", held / "in", "-o", "c.parquet", cwd=tmp_path)
+        assert [path.name for path in tmp_path.iterdir()] == ["c.parquet"]
+        ours = report("find", "c.parquet", cwd=tmp_path)["rows"]
+        theirs = report("find", "in", cwd=held)["rows"]
+        strip = ("file",)
+        assert [{k: v for k, v in row.items() if k not in strip} for row in ours] == [
+            {k: v for k, v in row.items() if k not in strip} for row in theirs
+        ]
+
+    def test_it_replaces_nothing_else(self, held: Path, tmp_path: Path):
+        (tmp_path / "c.parquet").write_text("mine")
+        for words in (["-o", "c.parquet"], ["-o", "c.csv"], ["-o", "no/c.parquet"]):
+            done = commands.run("archive", "catalogue", held / "in", *words, cwd=tmp_path)
+            assert done.returncode == 1, words
+        assert (tmp_path / "c.parquet").read_text() == "mine"
+
+
+class TestFind:
+    @pytest.mark.parametrize(
+        ("where", "count"),
+        [
+            ("unit = 'N' and rms > 1.9", 2),
+            ("label like 'f%' and duration between 1 and 5", 2),
+            ("missing > 0 or \"group\" <> ''", 1),
+            ("recorded >= date('2023-11-14')", 1),
+            ("channel is null", 0),
+            ("lower(verdict) in ('intact', 'damaged')", 5),
+        ],
+    )
+    def test_an_expression(self, held: Path, where: str, count: int):
+        assert len(report("find", "in", "--where", where, cwd=held)["rows"]) == count
+
+    @pytest.mark.parametrize(
+        ("where", "message"),
+        [
+            ("rmss > 2", "no column 'rmss'; did you mean 'rms'?"),
+            ("rms >", "--where 'rms >'"),
+            ("rms", "Boolean"),
+            ("rms > 'a'", "compare"),
+            ("", "--where"),
+            ("rms > 1; drop table x", "--where"),
+            ("file in (select * from read_csv('/etc/passwd'))", "--where"),
+            ("read_csv('/etc/passwd')", "--where"),
+            ("__import__('os').system('touch /tmp/x')", "--where"),
+        ],
+    )
+    def test_what_is_no_expression(self, held: Path, where: str, message: str):
+        done = commands.run("archive", "find", "in", "--where", where, cwd=held)
+        assert done.returncode == 1
+        assert message in done.stderr.decode()
+        assert done.stderr.startswith(b"hapfmt: ")
+
+    @pytest.mark.parametrize("columns", [80, 120])
+    def test_the_table_fits(self, held: Path, columns: int):
+        done = commands.run_in_terminal("archive", "find", "in", cwd=held, columns=columns)
+        lines = done.stdout.decode().replace("\r", "").splitlines()
+        assert max(map(len, lines)) <= columns
+        assert lines[0].startswith("label")
+        assert "rms" in lines[0]
+        assert "5 channels in 3 files" in lines
+
+    def test_names_of_files_alone(self, held: Path):
+        found = archive("find", "in", "--files", "--where", "unit = 'mm'", cwd=held)
+        assert found.splitlines() == [
+            "a.hapf",
+            "gap.hapf",
+            "sub dir/line\N{REPLACEMENT CHARACTER}break.hapf",
+        ]
+
+    def test_what_is_no_catalogue(self, tmp_path: Path):
+        polars = pytest.importorskip("polars")
+
+        polars.DataFrame({"x": [1]}).write_parquet(tmp_path / "x.parquet")
+        (tmp_path / "junk.parquet").write_text("junk")
+        for name, message in (
+            ("x.parquet", "the column 'file' is missing"),
+            ("junk.parquet", "not a Parquet file"),
+            (".", "holds no catalogue.parquet"),
+            ("none.parquet", "No such file"),
+        ):
+            done = commands.run("archive", "find", name, cwd=tmp_path)
+            assert done.returncode == 1
+            assert message in done.stderr.decode()
+
+
+@pytest.fixture(scope="module")
+def bagged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    for package in ("polars", "bagit", "rocrate"):
+        pytest.importorskip(package)
+    room = tmp_path_factory.mktemp("bagged")
+    for seed, name in enumerate(NAMES):
+        write_hapf(room / "deposit" / f"sub {seed % 2}" / f"{name}.hapf", seed, 600)
+    (room / "deposit" / "read me.txt").write_text("made by hand")
+    found = report(
+        "bag", "deposit", "--title", "Grasps", "--author", "A. Author", "--author", "B. Author",
+        "--license", "https://creativecommons.org/licenses/by/4.0/", "--info",
+        "Source-Organization=Lab", cwd=room,
+    )  # fmt: skip
+    assert found["file_count"] == len(NAMES)
+    assert found["payload_count"] == len(NAMES) + 3
+    return room
+
+
+@pytest.fixture
+def deposit(bagged: Path, tmp_path: Path) -> Path:
+    shutil.copytree(bagged / "deposit", tmp_path / "deposit")
+    return tmp_path
+
+
+class TestBag:
+    def test_bagit_accepts_it(self, bagged: Path):
+        done = subprocess.run(
+            [sys.executable, "-m", "bagit", "--validate", "deposit"], cwd=bagged,
+            capture_output=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        head = (bagged / "deposit" / "bagit.txt").read_text()
+        assert head == "BagIt-Version: 1.0\nTag-File-Character-Encoding: UTF-8\n"
+        info = (bagged / "deposit" / "bag-info.txt").read_text("utf-8")
+        assert "Source-Organization: Lab\n" in info
+        assert "Contact-Name: B. Author\n" in info
+
+    def test_by_the_letter_of_the_rfc(self, bagged: Path):
+        """Without any library: RFC 8493, sections 2.1.3 and 2.2.1."""
+        import hashlib
+
+        root = bagged / "deposit"
+        for name in ("manifest-sha256.txt", "tagmanifest-sha256.txt"):
+            listed = {}
+            for line in (root / name).read_text("utf-8").removesuffix("\n").split("\n"):
+                value, path = line.split(maxsplit=1)
+                path = path.replace("%0A", "\n").replace("%0D", "\r").replace("%25", "%")
+                listed[path] = value
+                data = (root / path).read_bytes()
+                assert hashlib.sha256(data).hexdigest() == value
+            if name.startswith("manifest"):
+                found = {p for p in (root / "data").rglob("*") if p.is_file()}
+                assert {root / path for path in listed} == found
+            else:
+                assert set(listed) == {"bagit.txt", "bag-info.txt", "manifest-sha256.txt"}
+        sizes = [path.stat().st_size for path in (root / "data").rglob("*") if path.is_file()]
+        info = (root / "bag-info.txt").read_text("utf-8")
+        assert f"Payload-Oxum: {sum(sizes)}.{len(sizes)}\n" in info
+
+    def test_its_crate_names_files_channels_and_people(self, bagged: Path):
+        from rocrate.rocrate import ROCrate
+
+        data = bagged / "deposit" / "data"
+        crate = ROCrate(data)
+        assert (crate.name, crate.root_dataset["author"][1]["name"]) == ("Grasps", "B. Author")
+        assert len(crate.root_dataset["hasPart"]) == len(NAMES) + 2
+        for seed, name in enumerate(NAMES):
+            (file,) = [
+                e for e in crate.data_entities if e.get("name") == f"sub {seed % 2}/{name}.hapf"
+            ]
+            assert file["sha256"] and file["encodingFormat"] == "application/vnd.hapf"
+            x, y = file["variableMeasured"]
+            assert (x["name"], x["unitText"], y["name"], y["unitText"]) == ("fx", "N", "fy", "mm")
+        everything = np.concatenate([signal_of(seed, 600)[0] for seed in range(len(NAMES))])
+        assert (x["minValue"], x["maxValue"]) == (everything.min(), everything.max())
+
+    def test_a_good_bag_is_quiet_and_nothing_in_it_changes(self, bagged: Path):
+        assert archive("verify", "deposit", cwd=bagged) == ""
+        found = report("verify", "deposit", cwd=bagged)
+        assert found["results"] == {"intact": len(NAMES) + 6}
+        for words in (["bag", "deposit"], ["catalogue", "deposit"]):
+            done = commands.run("archive", *words, cwd=bagged)
+            assert done.returncode == 1
+            assert b"bag" in done.stderr
+        rows = report("find", "deposit", cwd=bagged)["rows"]
+        assert len(rows) == 2 * len(NAMES)
+        assert (bagged / "deposit" / "data" / rows[0]["file"]).is_file()
+
+    def test_rot_missing_and_unknown_files(self, deposit: Path):
+        data = deposit / "deposit" / "data"
+        damage(data / "sub 0" / "plain.hapf")
+        damage(data / "read me.txt")
+        (data / "sub 0" / "-dash.hapf").unlink()
+        (data / "sub 1" / "new.hapf").write_bytes((data / "sub 1" / "日本.hapf").read_bytes())
+        # A whole file, but another one.
+        other = data / "sub 1" / "with space.hapf"
+        other.write_bytes((data / "sub 1" / "日本.hapf").read_bytes())
+        found = report("verify", "deposit", cwd=deposit, code=2)
+        bad = {each["file"]: each["result"] for each in found["files"] if each["exit_code"]}
+        expected = {
+            "data/sub 0/plain.hapf": "damaged", "data/read me.txt": "damaged",
+            "data/sub 0/-dash.hapf": "missing", "data/sub 1/new.hapf": "unknown",
+            "data/sub 1/with space.hapf": "damaged",
+        }  # fmt: skip
+        assert bad == expected
+        text = archive("verify", "deposit", cwd=deposit, code=2)
+        assert all(name in text for name in expected)
+
+    def test_damage_of_the_bag_itself(self, deposit: Path):
+        root = deposit / "deposit"
+        (root / "bag-info.txt").write_text("Payload-Oxum: 1.1\n")
+        found = report("verify", "deposit", cwd=deposit, code=3)
+        assert [e["file"] for e in found["files"] if e["exit_code"]] == ["bag-info.txt"]
+        manifest = root / "manifest-sha256.txt"
+        manifest.write_text("00 ../../etc/passwd\n")
+        report("verify", "deposit", cwd=deposit, code=2)
+        manifest.write_bytes(b"\xff\xfe\x00")
+        report("verify", "deposit", cwd=deposit, code=2)
+        manifest.unlink()
+        report("verify", "deposit", cwd=deposit, code=2)
+        shutil.rmtree(root / "data")
+        report("verify", "deposit", cwd=deposit, code=2)
+
+    def test_a_folder_with_damage_is_not_bagged(self, tmp_path: Path):
+        pytest.importorskip("rocrate")
+        write_hapf(tmp_path / "in" / "a.hapf", size=3000)
+        damage(tmp_path / "in" / "a.hapf")
+        found = report("bag", "in", cwd=tmp_path, code=3)
+        assert results(found) == {"a.hapf": "damaged"}
+        assert visible(tmp_path / "in") == {"a.hapf"}
+        report("bag", "in", "--force", cwd=tmp_path)
+        report("verify", "in", cwd=tmp_path, code=3)
+
+    def test_what_a_bag_cannot_hold(self, tmp_path: Path):
+        pytest.importorskip("rocrate")
+        folder = tmp_path / "in"
+        write_hapf(folder / "a.hapf")
+        (folder / "link.hapf").symlink_to("/etc/passwd")
+        (folder / "loop").symlink_to(".")
+        (folder / "50%0A.txt").write_text("")
+        (folder / os.fsdecode(b"\xff.txt")).write_text("")
+        os.mkfifo(folder / "pipe")
+        found = report("bag", "in", cwd=tmp_path, code=1)
+        assert len(found["files"]) == 5
+        assert (folder / "a.hapf").exists()
+        (folder / "bagless").mkdir()
+        for words in (["--info", "x"], ["--info", "a:b=c"], ["--title", "a\nb"]):
+            done = commands.run("archive", "bag", "in", *words, cwd=tmp_path)
+            assert done.returncode == 1
+
+    def test_the_crate_of_somebody_else_stays(self, tmp_path: Path):
+        pytest.importorskip("rocrate")
+        write_hapf(tmp_path / "in" / "a.hapf")
+        (tmp_path / "in" / "ro-crate-metadata.json").write_text("{}")
+        done = commands.run("archive", "bag", "in", cwd=tmp_path)
+        assert done.returncode == 1
+        assert b"did not write it" in done.stderr
+        assert visible(tmp_path / "in") == {"a.hapf", "ro-crate-metadata.json"}
+
+    def test_an_interrupted_bag_is_made_again(self, deposit: Path):
+        before = {p.relative_to(deposit) for p in (deposit / "deposit" / "data").rglob("*")}
+        for name in ("bagit.txt", "tagmanifest-sha256.txt", "bag-info.txt"):
+            (deposit / "deposit" / name).unlink()
+        report("bag", "deposit", cwd=deposit)
+        report("verify", "deposit", cwd=deposit)
+        after = {p.relative_to(deposit) for p in (deposit / "deposit" / "data").rglob("*")}
+        assert before == after
+
+
+class TestRemote:
+    def test_web_servers(self, tmp_path: Path):
+        pytest.importorskip("aiohttp")
+        pytest.importorskip("polars")
+        write_hapf(tmp_path / "a.hapf", 1, 3000)
+        good = (tmp_path / "a.hapf").read_bytes()
+        bad = bytearray(good)
+        bad[len(bad) // 2] ^= 1
+        write_npz(tmp_path / "b.npz", 2)
+        files = {
+            "x/a.hapf": good,
+            "x/bad.hapf": bytes(bad),
+            "x/b.npz": (tmp_path / "b.npz").read_bytes(),
+        }
+        with serving(files) as server:
+            urls = [server.url(f"x/{name}") for name in ("a.hapf", "bad.hapf", "none.hapf")]
+            found = report("verify", *urls, cwd=tmp_path, code=1)
+            assert [each["result"] for each in found["files"]] == ["intact", "damaged", "failed"]
+            found = report("encode", server.url("x/b.npz"), "out", cwd=tmp_path)
+            back = hapfmt.read(tmp_path / "out" / "b.hapf")
+            assert np.array_equal(back.to_numpy(), signal_of(2))
+            report("catalogue", urls[0], "-o", "c.parquet", cwd=tmp_path)
+            rows = report("find", "c.parquet", cwd=tmp_path)["rows"]
+            assert [row["file"] for row in rows] == [urls[0]] * 2
+
+    def test_a_password_is_not_shown(self, tmp_path: Path):
+        pytest.importorskip("aiohttp")
+        with serving({}) as server:
+            url = server.url("a.hapf").replace("http://", "http://me:secret@")
+            done = commands.run("archive", "verify", url, cwd=tmp_path)
+        assert done.returncode == 1
+        assert b"secret" not in done.stdout + done.stderr
+
+    def test_file_urls(self, tmp_path: Path):
+        write_npz(tmp_path / "with space" / "a.npz")
+        source, target = (tmp_path / "with space").as_uri(), (tmp_path / "out").as_uri()
+        report("encode", source, target, cwd=tmp_path)
+        assert visible(tmp_path / "out") == {"a.hapf"}
+
+    def test_object_storage(self, tmp_path: Path):
+        """The file system ``memory`` of fsspec, as s3 is: an object appears whole."""
+        fsspec = pytest.importorskip("fsspec")
+        write_npz(tmp_path / "in" / "s" / "a.npz", 5)
+        place = places.find_places([str(tmp_path / "in")], places.is_foreign)
+        (target,), _ = runs.targets_of(place, "memory://bucket/archive", ".hapf")
+        options = {"preset": "lossless", "given": {}, "reading": {}}
+        job = jobs.Job("encode", place[0], target, options=options)
+        files = fsspec.filesystem("memory")
+        try:
+            with runs.Log(tmp_path / "log") as log:
+                (done,) = runs.run([job], log=log, skip=runs.skip_written)
+                assert (done.result, done.message) == ("encoded", "")
+                (done,) = runs.run([job], log=log, skip=runs.skip_written)
+                assert (done.result, done.message) == ("skipped", "")
+            assert files.find("/bucket") == ["/bucket/archive/s/a.hapf"]
+            again = work.run_job(job)
+            assert "already exists" in again.message
+            found = places.find_places(["memory://bucket/**/*.hapf"], places.is_hapf)
+            assert [(p.name, p.size > 0) for p in found] == [("archive/s/a.hapf", True)]
+            assert (
+                places.find_places(["memory://bucket/archive"], places.is_hapf)[0].name
+                == "s/a.hapf"
+            )
+        finally:
+            files.rm("/bucket", recursive=True)
+
+    def test_a_remote_target_needs_a_log(self, tmp_path: Path):
+        write_npz(tmp_path / "in" / "a.npz")
+        done = commands.run("archive", "encode", "in", "s3://bucket/x", cwd=tmp_path)
+        assert done.returncode == 1
+        assert b"--log" in done.stderr
+
+
+def test_names_never_lead_out_of_the_target():
+    odd = [Place("../../x.npz", "/a"), Place("/etc/x.npz", "/b")]
+    found, _ = runs.targets_of(odd, "/out", ".hapf")
+    assert found == ["/out/x.hapf", "/out/etc/x.hapf"]

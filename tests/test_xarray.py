@@ -1,0 +1,435 @@
+"""xarray: a dataset that is read on demand has the values, times and texts of the recording."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import hostile
+import numpy as np
+import pytest
+import strategies
+from depth import examples, sample
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spec import ROOT
+
+import hapfmt
+from hapfmt import ClockMap, ClockObservation, Event, Recording
+from hapfmt.errors import HapfmtError, LimitError, ParameterError
+
+xr = pytest.importorskip("xarray", reason="needs the extra 'xarray'")
+pd = pytest.importorskip("pandas")
+datasets = pytest.importorskip("hapfmt.datasets")
+
+VALID = sorted((ROOT / "conformance" / "vectors" / "valid").glob("*.hapf"))
+BANDS = [path for path in VALID if path.stem.startswith("bands-")]
+INVALID = sorted((ROOT / "conformance" / "vectors" / "invalid").glob("*.hapf"))
+
+
+def two_rates() -> Recording:
+    force = np.sin(np.arange(5000) / 90)
+    force[1200:1300] = np.nan
+    made = Recording.from_array(
+        {"fx": force, "x": np.arange(1250.0)}, {"fx": 1000, "x": 250}, units={"fx": "N", "x": "mm"}
+    )
+    fx = replace(made["fx"], quantity="force", axis="x", device="probe")
+    return replace(
+        made,
+        channels=(fx, made["x"]),
+        epoch_ns=1_700_000_000 * 10**9,
+        metadata={"subject": "S7"},
+        events=(Event(0.5, "contact", Fraction(1, 4), 1, "hand"), Event(1, "end")),
+        clock_maps=(ClockMap("pc", 0, ((0, 10**18), (4000, 10**18 + 4 * 10**9 + 160_000))),),
+    )
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("xarray") / "two.hapf"
+    hapfmt.write(two_rates(), path)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("law") / "any.hapf"
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    """An hour and more, in clusters of seconds."""
+    pytest.importorskip("dask", reason="needs the extra 'dask'")
+    path = tmp_path_factory.mktemp("dask") / "long.hapf"
+    x = (np.arange(3_000_000) % 1000).astype(np.int16)
+    hapfmt.write({"x": x, "y": x[:3000]}, path, rate={"x": 1000, "y": 1})
+    return path
+
+
+class TestDataset:
+    def test_it_is_the_dataset_of_the_recording(self, file):
+        with xr.open_dataset(file) as lazy:
+            assert lazy.load().identical(hapfmt.read(file).to_xarray())
+
+    def test_names_and_attributes(self, file):
+        with xr.open_dataset(file) as data:
+            assert dict(data.sizes) == {"time_1000Hz": 5000, "time_250Hz": 1250}
+            assert data.attrs["Conventions"].startswith("CF-")
+            assert data.attrs["epoch_ns"] == 1_700_000_000 * 10**9
+            fx = data["fx"].attrs
+            assert fx["units"] == "N" and fx["long_name"] == "fx" and fx["rate"] == 1000.0
+            assert (fx["quantity"], fx["channel_axis"], fx["device"]) == ("force", "x", "probe")
+            assert fx["calibration"].startswith("(count * ")
+            assert data["time_250Hz"].attrs["units"] == "s"
+
+    def test_nothing_is_read_before_it_is_needed(self, file, monkeypatch):
+        decoded = []
+        decode = hapfmt.Reader.assembly
+        monkeypatch.setattr(
+            hapfmt.Reader, "assembly", lambda *a, **k: decoded.append(a) or decode(*a, **k)
+        )
+        with xr.open_dataset(file) as data:
+            part = data["fx"].sel(time_1000Hz=slice(1, 2))
+            repr(data), part.shape, data.nbytes
+            assert not decoded
+            assert part.values.shape == (1001,) and len(decoded) == 1
+
+    def test_groups(self, file):
+        with xr.open_dataset(file, group="250Hz") as data:
+            assert list(data) == ["x"] and data["x"].dims == ("time",)
+        with xr.open_dataset(file, group="events") as events:
+            assert events["text"].values.tolist() == ["contact", "end"]
+            assert events["time"].values.tolist() == [0.5, 1.0]
+            assert events["duration"].values.tolist() == [0.25, 0.0]
+            assert events["channel"].values.tolist() == ["x", ""]
+            assert events["layer"].values.tolist() == ["hand", ""]
+        with pytest.raises(ParameterError, match="250Hz"):
+            xr.open_dataset(file, group="25Hz")
+
+    def test_a_tree(self, file):
+        with xr.open_datatree(file) as tree:
+            assert set(tree.children) == {"1000Hz", "250Hz", "events"}
+            with xr.open_dataset(file, group="1000Hz") as group:
+                assert tree["1000Hz"].to_dataset().identical(group)
+
+    def test_channels_that_are_left_out(self, file):
+        with xr.open_dataset(file, drop_variables="fx") as data:
+            assert list(data) == ["x"] and data["x"].dims == ("time",)
+
+    def test_clocks_are_coordinates(self, file):
+        map_ = two_rates().clock_maps[0]
+        with xr.open_dataset(file, group="1000Hz") as data:
+            pc = data["pc"]
+            assert pc.dtype == np.int64 and pc.attrs["units"] == "ns"
+            assert pc.values.tolist() == [map_.time_ns(k) for k in range(5000)]
+            assert int(pc[4321]) == map_.time_ns(4321)
+        with xr.open_dataset(file, clocks=False) as data:
+            assert set(data.coords) == {"time_1000Hz", "time_250Hz"}
+
+    def test_it_can_be_written_again(self, file, tmp_path):
+        with xr.open_dataset(file) as data:
+            hapfmt.write(data, tmp_path / "b.hapf")
+        back = hapfmt.read(tmp_path / "b.hapf")
+        was = hapfmt.read(file)
+        assert back.labels == was.labels and [c.unit for c in back] == [c.unit for c in was]
+        for a, b in zip(was, back, strict=True):
+            assert np.array_equal(a.to_numpy(), b.to_numpy(), equal_nan=True)
+
+    def test_no_channels(self, tmp_path):
+        hapfmt.write(Recording(), tmp_path / "none.hapf")
+        with xr.open_dataset(tmp_path / "none.hapf") as data:
+            assert not data.variables
+        with xr.open_datatree(tmp_path / "none.hapf") as tree:
+            assert not tree.children
+
+
+@given(st.data())
+@settings(max_examples=examples(40), deadline=None)
+def test_any_recording_any_part(room, data):
+    """Values and times of any part of any channel are those of the recording."""
+    recording = data.draw(strategies.recordings())
+    hapfmt.write(recording, room, force=True)
+    was = hapfmt.read(room)
+    with xr.open_dataset(room) as lazy:
+        assert len(lazy.data_vars) == len(was)
+        for variable, channel in zip(lazy.data_vars.values(), was, strict=True):
+            time = variable[variable.dims[0]] if variable.dims else None
+            index = lazy.xindexes[variable.dims[0]].transform
+            assert index.rate == channel.rate_exact
+            if not channel.coverage:
+                continue
+            first, last = channel.start_tick - index.first, channel.stop_tick - index.first
+            assert 0 <= first <= last <= index.size
+            part = sorted(data.draw(st.tuples(*[st.integers(first, last)] * 2)))
+            part[1] = min(part[1], part[0] + 5000)
+            a, b = part
+            step = data.draw(st.sampled_from([1, 1, 3, -1]))
+            chosen = slice(a, b)
+            got = variable[chosen][::step].values
+            wanted = channel.filled(a + index.first, b + index.first)[::step]
+            assert np.array_equal(got, wanted, equal_nan=True)
+            seconds = hapfmt.recording.seconds_of(a + index.first, b + index.first, index.rate)
+            assert np.array_equal(time[chosen].values, seconds)
+        try:
+            whole = was.to_xarray()
+        except LimitError:
+            return
+        assert lazy.load().identical(whole)
+
+
+@given(
+    strategies.clock_maps(), strategies.rates, st.lists(st.integers(0, 2**40), max_size=5),
+    st.booleans(),
+)  # fmt: skip
+@settings(max_examples=examples(200), deadline=None)
+def test_clock_times_are_those_of_the_map(map_, rate, ticks, is_ns):
+    map_ = map_ if is_ns else replace(map_, channel=0)
+    exact = [
+        map_.time_ns(hapfmt.numbers.rdiv(t * 10**9 * rate.denominator, rate.numerator))
+        if is_ns
+        else map_.time_ns(t)
+        for t in ticks
+    ]
+    ticks = np.array(ticks, np.int64)
+    if all(-(1 << 63) <= time < 1 << 63 for time in exact):
+        assert datasets.clock_times(map_, rate, ticks).tolist() == exact
+    else:
+        with pytest.raises(LimitError, match="64 bits"):
+            datasets.clock_times(map_, rate, ticks)
+
+
+def test_clocks_without_a_map():
+    seen = [
+        ClockObservation("pc", 0, tick, time) for tick, time in [(0, 5), (9, 95), (9, 99), (8, 2)]
+    ]
+    (map_,) = datasets.clock_maps(seen, [])
+    assert map_.points == ((0, 5), (9, 95))
+    assert datasets.clock_maps(seen[:1], []) == []
+
+
+class TestTimes:
+    """Selection is that of an index of pandas that holds all times."""
+
+    @given(st.data())
+    @settings(max_examples=examples(200), deadline=None)
+    def test_as_pandas_selects(self, data):
+        rate = data.draw(strategies.rates)
+        first = data.draw(st.sampled_from([0, 1, 10**6, 2**40]) | st.integers(0, 2**47))
+        size, step = data.draw(st.integers(1, 40)), data.draw(st.sampled_from([1, 2, 7]))
+        index = datasets.TickIndex(
+            datasets.TickTransform(rate, first, size, name="time", dim="time", step=step)
+        )
+        plain = index.to_pandas_index()
+        if not plain.is_unique:
+            return
+        between = st.floats(plain[0] - 1 / rate * 3, plain[-1] + 1 / rate * 3)
+        labels = st.sampled_from(plain.tolist()) | between
+        a, b = sorted(data.draw(st.tuples(labels, labels)))
+        got = index.sel({"time": slice(a, b)}).dim_indexers["time"]
+        wanted = plain.slice_indexer(a, b)
+        assert range(size)[got] == range(size)[wanted]
+        for method in (None, "nearest", "ffill", "bfill"):
+            place = plain.get_indexer([a], method=method)[0]
+            if place < 0:
+                with pytest.raises(KeyError):
+                    index.sel({"time": a}, method=method)
+            else:
+                found = index.sel({"time": a}, method=method).dim_indexers["time"]
+                assert abs(plain[found] - a) == abs(plain[place] - a)
+                assert method == "nearest" or found == place
+
+    def test_selecting(self, file):
+        with xr.open_dataset(file, group="1000Hz") as data:
+            fx = data["fx"]
+            assert float(fx.sel(time=0.25)) == float(fx[250])
+            assert float(fx.sel(time=0.2504, method="nearest")) == float(fx[250])
+            picked = fx.sel(time=[0.1, 0.3], method="nearest")
+            assert picked["time"].values.tolist() == [0.1, 0.3]
+            pointwise = fx.sel(time=xr.DataArray([0.1, 0.2], dims="trial"))
+            assert pointwise.dims == ("trial",)
+            with pytest.raises(KeyError, match="nearest"):
+                fx.sel(time=0.2504)
+            with pytest.raises(KeyError):
+                fx.sel(time=0.2504, method="nearest", tolerance=1e-4)
+            with pytest.raises(KeyError, match="seconds"):
+                fx.sel(time="noon")
+            halves = fx.isel(time=slice(None, None, 2)).sel(time=slice(1, 2))
+            assert isinstance(halves.xindexes["time"], datasets.TickIndex) and halves.size == 501
+
+    def test_alignment(self):
+        data = two_rates().sel("fx").to_xarray()
+        early, late = data.isel(time=slice(0, 3000)), data.isel(time=slice(2000, 5000))
+        both = xr.merge([early, late], join="outer", compat="no_conflicts")
+        assert both.drop_attrs().equals(data.drop_attrs())
+        assert (early["fx"] + late["fx"]).sizes["time"] == 1000
+        whole = xr.concat([early, data.isel(time=slice(3000, 5000))], "time")
+        assert isinstance(whole.xindexes["time"], datasets.TickIndex) and whole.equals(data)
+        apart = xr.concat([early, data.isel(time=slice(4000, 5000))], "time")
+        assert apart.sizes["time"] == 4000 and float(apart["time"][3000]) == 4.0
+        with pytest.raises(ParameterError, match="500 Hz"):
+            xr.align(data, data.isel(time=slice(None, None, 2)), join="outer")
+
+    def test_a_long_index_takes_no_room(self):
+        """Ten days at 44.1 kHz."""
+        size = 10 * 86_400 * 44_100
+        index = datasets.TickIndex(
+            datasets.TickTransform(Fraction(44_100), 0, size, name="time", dim="time")
+        )
+        found = index.sel({"time": slice(86_400.0, 86_401.0)}).dim_indexers["time"]
+        assert found == slice(86_400 * 44_100, 86_401 * 44_100 + 1, None)
+        with pytest.raises(LimitError, match="times"):
+            index.to_pandas_index()
+
+
+class TestElsewhere:
+    def test_pickled(self, file):
+        with xr.open_dataset(file) as data:
+            there = pickle.loads(pickle.dumps(data))
+            assert len(pickle.dumps(data)) < 20_000
+            assert there.load().identical(data.load())
+            there.close()
+
+    @pytest.mark.deep
+    def test_in_another_process(self, file, tmp_path):
+        (tmp_path / "data.pickle").write_bytes(pickle.dumps(xr.open_dataset(file)))
+        code = (
+            "import pickle, sys; d = pickle.load(open(sys.argv[1], 'rb')); print(float(d['x'][7]))"
+        )
+        found = subprocess.check_output([sys.executable, "-c", code, tmp_path / "data.pickle"])
+        assert float(found) == 7.0
+
+    def test_in_threads(self, file):
+        expected = hapfmt.read(file).to_xarray()
+        found: list[bool] = []
+        with xr.open_dataset(file) as data:
+
+            def work(first: int) -> None:
+                for at in range(first, 4000, 700):
+                    part = slice(at, at + 900)
+                    same = data["fx"][part].values, expected["fx"][part].values
+                    found.append(np.array_equal(*same, equal_nan=True))
+
+            threads = [threading.Thread(target=work, args=(k * 100,)) for k in range(6)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+        assert len(found) > 20 and all(found)
+
+    def test_closed_files_are_opened_again(self, file):
+        data = xr.open_dataset(file)
+        data.close()
+        assert float(data["x"][3]) == 3.0
+        data.close()
+
+    def test_another_file_at_the_same_path(self, tmp_path):
+        path = tmp_path / "a.hapf"
+        hapfmt.write(np.zeros(100), path, rate=100)
+        data = xr.open_dataset(path)
+        data.close()
+        hapfmt.write(np.ones(100), path, rate=100, force=True)
+        with pytest.raises(OSError, match="changed after it was opened"):
+            data.load()
+        data.close()
+
+    def test_a_file_that_is_gone(self, tmp_path):
+        path = tmp_path / "a.hapf"
+        hapfmt.write(np.zeros(100), path, rate=100)
+        data = xr.open_dataset(path)
+        data.close()
+        path.unlink()
+        with pytest.raises(FileNotFoundError):
+            data.load()
+
+
+class TestDask:
+    def test_chunks_are_whole_clusters(self, long):
+        with xr.open_dataset(long, chunks={}) as data, hapfmt.Reader(long) as reader:
+            assert data["x"].chunks is not None
+            (sizes,) = data["x"].chunks
+            assert sum(sizes) == 3_000_000 and len(sizes) >= 3 and data["y"].chunks == ((3000,),)
+            starts = {ref.start_ns // 10**6 for ref in reader.catalogue.data}
+            assert set(np.cumsum(sizes)[:-1].tolist()) <= starts
+            assert float(data["x"].sum()) == 3000 * 499_500
+
+    def test_other_chunks(self, long):
+        with xr.open_dataset(long, chunks={"time_1000Hz": 3_000_000, "time_1Hz": 3000}) as data:
+            assert data["x"].chunks == ((3_000_000,),)
+
+    @pytest.mark.deep
+    def test_processes(self, file):
+        dask = pytest.importorskip("dask", reason="needs the extra 'dask'")
+        if os.name == "nt":
+            pytest.skip("starts slowly")
+        with xr.open_dataset(file, chunks={}) as data, dask.config.set(scheduler="processes"):
+            total = data["fx"].sum(skipna=True).compute(num_workers=1)
+        assert float(total) == pytest.approx(np.nansum(two_rates()["fx"].to_numpy()))
+
+
+class TestUntrusted:
+    """Any bytes give a dataset or one of our errors."""
+
+    @pytest.mark.parametrize("path", sample(VALID, always=BANDS), ids=lambda path: path.stem)
+    def test_valid_files(self, path):
+        was = hapfmt.read(path)
+        with xr.open_dataset(path) as data:
+            try:
+                whole = was.to_xarray()
+            except LimitError:
+                assert len(data.data_vars) == len(was)
+                return
+            assert data.load().identical(whole)
+
+    @pytest.mark.parametrize("path", sample(INVALID), ids=lambda path: path.stem)
+    def test_invalid_files(self, path):
+        """A part of the file may be sound, so that not each of them is an error here."""
+        try:
+            with xr.open_datatree(path) as tree:
+                for node in tree.subtree:
+                    node.to_dataset().load()
+        except HapfmtError:
+            pass
+
+    @pytest.mark.parametrize("name", ["packets", "index entries", "events", "clocks", "LPCR"])
+    def test_hostile_files(self, name, tmp_path):
+        path = tmp_path / "hostile.hapf"
+        path.write_bytes(hostile.FILES[name](hostile.fitting(1 << 24)))
+        try:
+            with xr.open_dataset(path) as data:
+                for variable in data.variables.values():
+                    variable[-1:].load()
+        except HapfmtError:
+            pass
+
+    def test_damage_is_an_error(self, file, tmp_path):
+        path = tmp_path / "bad.hapf"
+        whole = bytearray(Path(file).read_bytes())
+        with hapfmt.Reader(file) as reader:
+            whole[reader.catalogue.data[0].offset + 300] ^= 1
+        path.write_bytes(whole)
+        with pytest.raises(HapfmtError), xr.open_dataset(path) as data:
+            data.load()
+
+    def test_a_gap_of_years(self, tmp_path):
+        path = tmp_path / "far.hapf"
+        x = hapfmt.Channel(np.arange(2.0), 1000, (hapfmt.Span(0, 1), hapfmt.Span(2**46, 2**46 + 1)))
+        hapfmt.write(Recording((x,)), path)
+        with xr.open_dataset(path) as data:
+            (far,) = data.data_vars.values()
+            assert far.size == 2**46 + 1 and float(far[-1]) == 1.0
+            with pytest.raises(LimitError, match="limit"):
+                far.load()
+
+    def test_what_is_no_recording(self, tmp_path):
+        path = tmp_path / "a.hapf"
+        path.write_bytes(b"nothing of the kind")
+        with pytest.raises(HapfmtError):
+            xr.open_dataset(path)
+        with pytest.raises(ParameterError, match="to_xarray"):
+            xr.open_dataset(b"\x89hapf", engine="hapf")
