@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from .version import SPEC_VERSION, __version__
 
 if TYPE_CHECKING:
+    from .analysis.lazyframes import scan_hapf
     from .clocks import ClockMap, ClockObservation
     from .convert import load, read, save
     from .edit.recover import recover, recover_in_place
@@ -68,6 +69,7 @@ _PLACES = {
     "fit_clock": "reading.clocks",
     "Follower": "reading.follow",
     "Reader": "reading.reader",
+    "scan_hapf": "analysis.lazyframes",
     "verify": "reading.verifier",
     "Calibration": "recording",
     "Channel": "recording",
@@ -120,6 +122,7 @@ __all__ = [
     "recover",
     "recover_in_place",
     "save",
+    "scan_hapf",
     "verify",
     "write",
 ]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from fractions import Fraction
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
@@ -36,15 +37,14 @@ _WHOLE_NS = 1 << 62
 
 
 class TickTransform(CoordinateTransform):
-    """Position k -> tick first + k * step -> seconds."""
+    """Positions -> ticks -> seconds. ``ticks`` is a range; an array where they are not even."""
 
     def __init__(
-        self, rate: Fraction, first: int, size: int, *, name: Hashable, dim: str, step: int = 1
+        self, rate: Fraction, ticks: range | NDArray[np.int64], *, name: Hashable, dim: str
     ) -> None:
-        super().__init__([name], {dim: size})
+        super().__init__([name], {dim: len(ticks)})
         self.rate = rate
-        self.first = first
-        self.step = step
+        self.ticks = ticks
 
     @property
     def name(self) -> Hashable:
@@ -58,48 +58,62 @@ class TickTransform(CoordinateTransform):
     def size(self) -> int:
         return self.dim_size[self.dim]
 
+    @property
+    def grid(self) -> range | None:
+        """The ticks, where they are a range that goes forward."""
+        return self.ticks if isinstance(self.ticks, range) and self.ticks.step > 0 else None
+
+    def ticks_at(self, positions: Any) -> NDArray[np.int64]:
+        places = np.asarray(positions).astype(np.int64)
+        if isinstance(self.ticks, range):
+            found: NDArray[np.int64] = self.ticks.start + places * self.ticks.step
+            return found
+        return np.asarray(self.ticks[places])
+
+    def all_ticks(self) -> NDArray[np.int64]:
+        if self.size > TIME_LIMIT:
+            raise LimitError(
+                f"{self.size} times are above the limit of {TIME_LIMIT}; take a part of the time"
+            )
+        return np.asarray(self.ticks, np.int64)
+
     def seconds(self, positions: Any) -> NDArray[np.float64]:
         """The doubles that ``seconds_of`` gives for the ticks at these positions."""
-        ticks = self.first + np.asarray(positions).astype(np.int64) * self.step
-        numerator = ticks.astype(np.float64) * float(self.rate.denominator)
+        numerator = self.ticks_at(positions).astype(np.float64) * float(self.rate.denominator)
         seconds: NDArray[np.float64] = numerator / float(self.rate.numerator)
         return seconds
 
     def forward(self, dim_positions: dict[str, Any]) -> dict[Hashable, Any]:
         return {self.name: self.seconds(dim_positions[self.dim])}
 
-    def reverse(self, coord_labels: dict[Hashable, Any]) -> dict[str, Any]:
-        ticks = np.asarray(coord_labels[self.name], np.float64) * float(self.rate)
-        return {self.dim: (ticks - self.first) / self.step}
-
     def equals(self, other: CoordinateTransform, **_: Any) -> bool:
-        return (
-            isinstance(other, TickTransform)
-            and self.size == other.size
-            and (self.rate, self.first, self.step) == (other.rate, other.first, other.step)
-        )
+        if not isinstance(other, TickTransform) or self.rate != other.rate:
+            return False
+        if isinstance(self.ticks, range) and isinstance(other.ticks, range):
+            return self.ticks == other.ticks
+        return self.size == other.size and np.array_equal(self.all_ticks(), other.all_ticks())
 
     def generate_coords(self, dims: tuple[str, ...] | None = None) -> dict[Hashable, Any]:
-        if self.size > TIME_LIMIT:
-            raise LimitError(
-                f"{self.size} times are above the limit of {TIME_LIMIT}; take a part of the time"
-            )
+        self.all_ticks()
         return super().generate_coords(dims)
 
-    def part(self, places: range) -> TickTransform:
-        """Some positions, by a step above 0."""
-        return TickTransform(
-            self.rate,
-            self.first + places.start * self.step,
-            len(places),
-            name=self.name,
-            dim=self.dim,
-            step=self.step * places.step,
-        )
+    def of(self, ticks: range | NDArray[np.int64], dim: str | None = None) -> TickTransform:
+        """Other ticks of the same rate; even ones become a range."""
+        if not isinstance(ticks, range) and ticks.size:
+            first, step = int(ticks[0]), int(ticks[1] - ticks[0]) if ticks.size > 1 else 1
+            even = range(first, first + step * ticks.size, step) if step > 0 else range(0)
+            if len(even) == ticks.size and np.array_equal(ticks, np.asarray(even)):
+                ticks = even
+        elif not isinstance(ticks, range):
+            ticks = range(0)
+        return TickTransform(self.rate, ticks, name=self.name, dim=dim or self.dim)
 
     def count_before(self, seconds: NDArray[np.float64], *, including: bool) -> NDArray[np.int64]:
-        """How many times lie before each of ``seconds``, or at it where ``including``."""
-        estimate = np.floor(self.reverse({self.name: seconds})[self.dim])
+        """How many times lie before each of ``seconds``, or at it where ``including``; for a grid
+        that goes forward."""
+        grid = self.grid
+        assert grid is not None
+        estimate = np.floor((seconds * float(self.rate) - grid.start) / grid.step)
         place = np.clip(np.nan_to_num(estimate), 0, self.size).astype(np.int64)
         # The estimate is off by one or two, by the rounding of its product.
         for _ in range(4):
@@ -117,26 +131,27 @@ class TickIndex(CoordinateTransformIndex):
     transform: TickTransform
 
     def isel(self, indexers: Mapping[Any, Any]) -> Index | None:
-        chosen = indexers[self.transform.dim]
+        old = self.transform
+        chosen = indexers[old.dim]
         if isinstance(chosen, slice):
-            places = range(self.transform.size)[chosen]
-            if places.step > 0:
-                return TickIndex(self.transform.part(places))
-            chosen = np.arange(places.start, places.stop, places.step)
+            return TickIndex(old.of(old.ticks[chosen]))
         values = np.asarray(getattr(chosen, "values", chosen))
         if values.ndim != 1:
             return None
         if values.dtype == bool:
             values = np.flatnonzero(values)
-        values = np.where(values < 0, values + self.transform.size, values)
-        dim = chosen.dims[0] if isinstance(chosen, xarray.Variable) else self.transform.dim
-        times = pd.Index(self.transform.seconds(values), name=self.transform.name)
-        return PandasIndex(times, dim)
+        values = np.where(values < 0, values + old.size, values)
+        dim = chosen.dims[0] if isinstance(chosen, xarray.Variable) else old.dim
+        return TickIndex(old.of(old.ticks_at(values), str(dim)))
 
     def sel(
         self, labels: dict[Any, Any], method: str | None = None, tolerance: Any = None
     ) -> IndexSelResult:
         (label,) = labels.values()
+        if self.transform.grid is None:
+            return PandasIndex(self.to_pandas_index(), self.transform.dim).sel(
+                labels, method, tolerance
+            )
         if isinstance(label, slice):
             if method is not None:
                 raise NotImplementedError("a slice of times takes no method")
@@ -191,60 +206,61 @@ class TickIndex(CoordinateTransformIndex):
         return np.asarray(places)
 
     def join(self, other: Any, how: str = "inner") -> Self:
-        mine, theirs = self._range, other._range
-        self._check_grid(other)
-        choose = (max, min) if how == "inner" else (min, max)
-        if len(mine) and len(theirs):
-            first = choose[0](mine.start, theirs.start)
-            size = max(-(-(choose[1](mine.stop, theirs.stop) - first) // mine.step), 0)
-        else:
-            whole = mine if len(mine) else theirs
-            first, size = whole.start, 0 if how == "inner" else len(whole)
-        old = self.transform
-        return type(self)(
-            TickTransform(old.rate, first, size, name=old.name, dim=old.dim, step=old.step)
-        )
+        old, new = self.transform, other.transform
+        self._check_rate(other)
+        mine, theirs = old.grid, new.grid
+        if mine and theirs and mine.step == theirs.step and not (mine[0] - theirs[0]) % mine.step:
+            least, most = (max, min) if how == "inner" else (min, max)
+            stop = most(mine[-1], theirs[-1]) + 1
+            return type(self)(old.of(range(least(mine[0], theirs[0]), stop, mine.step)))
+        both = np.intersect1d if how == "inner" else np.union1d
+        return type(self)(old.of(both(old.all_ticks(), new.all_ticks())))
 
     def reindex_like(self, other: Any) -> dict[Hashable, Any]:
-        self._check_grid(other)
-        mine, theirs = self._range, other._range
-        places = (theirs.start - mine.start) // mine.step + np.arange(len(theirs))
-        places[(places < 0) | (places >= len(mine))] = -1
-        return {self.transform.dim: places}
+        self._check_rate(other)
+        wanted = other.transform.all_ticks()
+        ticks = self.transform.ticks
+        if isinstance(ticks, range):
+            places, rest = np.divmod(wanted - ticks.start, ticks.step)
+            missing = (rest != 0) | (places < 0) | (places >= len(ticks))
+        else:
+            order = np.argsort(ticks, kind="stable")
+            at = np.searchsorted(ticks, wanted, sorter=order)
+            places = order[np.minimum(at, len(ticks) - 1)]
+            missing = ticks[places] != wanted
+            if np.unique(ticks).size < ticks.size:
+                raise ParameterError("some times are there twice; select each once")
+        return {self.transform.dim: np.where(missing, -1, places)}
 
-    @property
-    def _range(self) -> range:
-        old = self.transform
-        return range(old.first, old.first + old.size * old.step, old.step)
-
-    def _check_grid(self, other: TickIndex) -> None:
-        """ParameterError where times of one are between those of the other."""
-        mine, theirs = self.transform, other.transform
-        apart = (mine.first - theirs.first) % mine.step
-        if (mine.rate, mine.step) != (theirs.rate, theirs.step) or apart:
+    def _check_rate(self, other: TickIndex) -> None:
+        mine, theirs = self.transform.rate, other.transform.rate
+        if mine != theirs:
             raise ParameterError(
-                f"times at {float(mine.rate / mine.step):.6g} Hz and "
-                f"{float(theirs.rate / theirs.step):.6g} Hz do not coincide; resample one of them"
+                f"times at {float(mine):.6g} Hz and {float(theirs):.6g} Hz do not coincide; "
+                "resample one of them, or interpolate it: a.interp_like(b)"
             )
 
     @classmethod
     def concat(cls, indexes: Sequence[Any], dim: Hashable, positions: Any = None) -> Any:
-        """One after the other; times that do not go on from each other become an index of all."""
+        """One after the other; times of several rates become an index of pandas."""
         parts = [one.transform for one in indexes]
-        first, size = parts[0], 0
-        for part in parts:
-            at = first.first + size * first.step
-            if (part.rate, part.step, part.first) != (first.rate, first.step, at):
-                break
-            size += part.size
+        first = parts[0]
+        if any(part.rate != first.rate for part in parts):
+            plain = [PandasIndex(one.to_pandas_index(), dim) for one in indexes]
+            return PandasIndex.concat(plain, dim, positions)
+        ticks: range | NDArray[np.int64] = np.empty(0, np.int64)
+        grids = [part.grid for part in parts if part.size]
+        go_on = all(
+            a and b and a.step == b.step and a[-1] + a.step == b[0] for a, b in pairwise(grids)
+        )
+        if positions is None and go_on and grids and grids[0] and grids[-1]:
+            ticks = range(grids[0].start, grids[-1].stop, grids[0].step)
         else:
-            if positions is None:
-                whole = TickTransform(
-                    first.rate, first.first, size, name=first.name, dim=str(dim), step=first.step
-                )
-                return cls(whole)
-        plain = [PandasIndex(one.to_pandas_index(), dim) for one in indexes]
-        return PandasIndex.concat(plain, dim, positions)
+            ticks = np.concatenate([part.all_ticks() for part in parts])
+            if positions is not None:
+                places = np.concatenate([np.asarray([*one]) for one in positions])
+                ticks = ticks[np.argsort(places, kind="stable")]
+        return cls(first.of(ticks, str(dim)))
 
     def to_pandas_index(self) -> pd.Index:
         times = self.transform.generate_coords()[self.transform.name]
@@ -257,8 +273,10 @@ class TickIndex(CoordinateTransformIndex):
         return f"<TickIndex: {self._facts()}>"
 
     def _facts(self) -> str:
-        old = self.transform
-        return f"{old.size} times at {float(old.rate / old.step):.6g} Hz from tick {old.first}"
+        old, grid = self.transform, self.transform.grid
+        if grid is None:
+            return f"{old.size} of the times at {float(old.rate):.6g} Hz"
+        return f"{old.size} times at {float(old.rate / grid.step):.6g} Hz from tick {grid.start}"
 
 
 class ClockArray(BackendArray):
@@ -421,7 +439,7 @@ def dataset_of(
     clocks: dict[str, Any] = {}
     for rate, time in time_of.items():
         first, last = extents[rate]
-        transform = TickTransform(rate, first, last - first, name=time, dim=time)
+        transform = TickTransform(rate, range(first, last), name=time, dim=time)
         coordinates = coordinates | xarray.Coordinates.from_xindex(TickIndex(transform))
         for map_ in maps:
             if map_.channel is not None and rate_of.get(map_.channel) != rate:

@@ -541,6 +541,46 @@ def to_xarray(recording: Recording) -> Any:
     return dataset_of(signals, extents, about, maps)
 
 
+def to_arrow(recording: Recording) -> Any:
+    try:
+        import pyarrow as pa
+    except ImportError:
+        raise MissingExtraError("pyarrow", "arrow") from None
+    first, last = recording._common_ticks(None, None)
+    _check_ticks((last - first) * len(recording), GAPPY_TICKS)
+    rate = recording.channels[0].rate_exact if recording.channels else Fraction(1)
+    fields = [pa.field("time", pa.float64(), nullable=False, metadata={"unit": "s"})]
+    arrays = [pa.array(seconds_of(first, last, rate))]
+    for name, channel in zip(column_names(recording.labels), recording, strict=True):
+        about = {"label": channel.label, "unit": channel.unit}
+        for key in ("quantity", "axis", "group", "body_site", "device"):
+            if text := getattr(channel, key):
+                about[key] = text
+        fields.append(pa.field(name, pa.float64(), metadata=about))
+        missing = gap_mask(channel, first, last)
+        arrays.append(pa.array(channel.filled(first, last), mask=missing))
+    own: dict[str, Any] = {"version": 1, "rate": str(rate)}
+    if recording.epoch_ns is not None:
+        own["epoch_ns"] = recording.epoch_ns
+    if recording.metadata:
+        own["metadata"] = recording.metadata
+    told = {"hapfmt": json.dumps(own, ensure_ascii=False), "rate_hz": str(float(rate))}
+    return pa.table(arrays, schema=pa.schema(fields, metadata=told))
+
+
+def column_names(labels: Sequence[str]) -> list[str]:
+    """Names of the columns of channels, which differ from each other and from "time"."""
+    return unique(["time", *variable_names(labels)], [])[1:]
+
+
+def gap_mask(channel: Channel, first: int, last: int) -> NDArray[np.bool_]:
+    """bool [last - first]: where the channel has no sample."""
+    missing = np.ones(last - first, np.bool_)
+    for span in channel.coverage:
+        missing[max(span.start - first, 0) : max(span.stop - first, 0)] = False
+    return missing
+
+
 def variable_names(labels: Sequence[str]) -> list[str]:
     """Labels, each once; a channel without one is called by its number: ch1, ch2 ..."""
     return unique([label or f"ch{number}" for number, label in enumerate(labels, 1)], [])
@@ -928,7 +968,7 @@ class Channel:
         if copy is False:
             raise ValueError("an array of a channel is always a copy")
         x = self.to_numpy()
-        return x if dtype is None else x.astype(dtype)
+        return x if dtype is None else x.astype(dtype, copy=False)
 
     def __repr__(self) -> str:
         kind = str(self.stored.dtype)
@@ -1299,7 +1339,7 @@ class Recording:
         if copy is False:
             raise ValueError("an array of a recording is always a copy")
         x = self.to_numpy()
-        return x if dtype is None else x.astype(dtype)
+        return x if dtype is None else x.astype(dtype, copy=False)
 
     def to_pandas(self) -> Any:
         """A pandas.DataFrame: one column for each channel, NaN in gaps, seconds as index.
@@ -1311,12 +1351,22 @@ class Recording:
 
         return to_pandas(self)
 
+    def to_arrow(self) -> Any:
+        """A pyarrow.Table: "time" in seconds, and a float64 column for each channel, null in gaps.
+
+        The metadata of the fields have labels and units. All channels need one rate. Needs the
+        extra "arrow". Raises ParameterError, LimitError, MissingExtraError.
+        """
+
+        return to_arrow(self)
+
     def to_xarray(self) -> Any:
         """An xarray.Dataset: one variable for each channel, NaN in gaps.
 
         The coordinate is "time" in seconds; channels of several rates have "time_1000Hz" ...
-        Labels, units and rates are in the attributes of the variables. Needs the extra "xarray".
-        Raises LimitError, MissingExtraError.
+        Attributes follow the CF conventions. Clocks are coordinates in nanoseconds.
+        ``xarray.open_dataset(file)`` gives the same dataset and reads values on demand. Needs the
+        extra "xarray". Raises LimitError, MissingExtraError.
         """
 
         return to_xarray(self)

@@ -49,6 +49,26 @@ def said(key: str, value: Any) -> bytes:
     return text(key) + struct.pack("<Id", 10, value)
 
 
+def interleaved(x: NDArray[Any], *, big_endian: bool = False) -> bytes:
+    """[rows, channels] of int16 at 1 kHz, row by row, as LabVIEW may write them."""
+    order = ">" if big_endian else "<"
+    rows, width = x.shape
+
+    def packed(value: str) -> bytes:
+        return struct.pack(f"{order}I", len(value)) + value.encode()
+
+    metadata = struct.pack(f"{order}I", width)
+    for number in range(width):
+        metadata += packed(f"/'card'/'ai{number}'") + struct.pack(f"{order}I", 20)
+        metadata += struct.pack(f"{order}IIQ", 2, 1, rows)
+        metadata += struct.pack(f"{order}I", 1) + packed("wf_increment")
+        metadata += struct.pack(f"{order}Id", 10, 0.001)
+    mask = 1 << 1 | 1 << 2 | 1 << 3 | 1 << 5 | big_endian << 6
+    raw = x.astype(f"{order}i2").tobytes()
+    sizes = struct.pack(f"{order}IQQ", 4713, len(metadata) + len(raw), len(metadata))
+    return b"TDSm" + struct.pack("<I", mask) + sizes + metadata + raw
+
+
 def daqmx(x: NDArray[Any], properties: dict[str, Any]) -> bytes:
     """[rows, channels] interleaved integers, as DAQmx logs them: scaler 0, then the scales."""
     rows, width = x.shape

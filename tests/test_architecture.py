@@ -76,6 +76,7 @@ ONLY_IN = {
     "hidraw": ("replay.sinks.hid",),
     "pandas": ("recording", "datasets"),
     "xarray": ("recording", "datasets", "analysis.backend"),
+    "polars": ("analysis.lazyframes",),
     "rosbags": ("convert.ros_definitions", "convert.rosbag"),
     "ruamel": ("convert.rosbag",),
     "apsw": ("convert.rosbag",),
@@ -84,7 +85,13 @@ ONLY_IN = {
     "zstandard": ("convert.mcap",),
     "lz4": ("convert.mcap", "convert.rosbag"),
     "nptdms": ("convert.tdms",),
-    "pyarrow": ("convert.arrowtables", "convert.parquet", "convert.feather", "convert.lerobot"),
+    "pyarrow": (
+        "recording",
+        "convert.arrowtables",
+        "convert.parquet",
+        "convert.feather",
+        "convert.lerobot",
+    ),
 }
 HEAVY = {
     "numpy",
@@ -110,6 +117,7 @@ HEAVY = {
     "nptdms",
     "pyarrow",
     "polars",
+    "dask",
     "distributed",
     "bagit",
     "rocrate",

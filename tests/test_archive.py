@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -27,6 +26,8 @@ from hapfmt.limits import Limits
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="names and links of POSIX")
 AS_ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
 NAMES = ["plain", "with space", "gräße", "日本", "line\nbreak", "quote'\"", "-dash", "a.b"]
+BAGGED = [name for name in NAMES if "\n" not in name]
+"""Programs read a line break in a name of a bag differently, so it is refused there."""
 
 
 def signal_of(seed: int, size: int = 300) -> np.ndarray[Any, Any]:
@@ -197,6 +198,8 @@ class TestEncode:
 
     def test_a_full_disk_costs_that_file_alone(self, tmp_path: Path):
         """A limit on the size of files stands for the disk."""
+        import resource
+
         write_npz(tmp_path / "in" / "a.npz", 1, 20)
         write_npz(tmp_path / "in" / "b.npz", 2, 40_000)
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -236,10 +239,11 @@ def encode_jobs(source: Path, target: Path, **more: Any) -> list[jobs.Job]:
 
 
 def in_process(source: Path, target: Path) -> list[jobs.FileOutcome]:
-    with runs.Log(target / runs.FOLDER / runs.LOG) as log:
-        found = runs.run(encode_jobs(source, target), log=log, skip=runs.skip_written)
-        runs.empty_staging(target / runs.FOLDER / runs.STAGING)
-        return found
+    with (
+        runs.Log(target / runs.FOLDER / runs.LOG) as log,
+        runs.emptied(target / runs.FOLDER / runs.STAGING),
+    ):
+        return runs.run(encode_jobs(source, target), log=log, skip=runs.skip_written)
 
 
 class TestInterrupted:
@@ -311,7 +315,7 @@ class TestInterrupted:
         if more:
             pytest.importorskip("distributed")
         for seed in range(60):
-            write_npz(tmp_path / "in" / f"{seed}.npz", seed, 30_000)
+            write_npz(tmp_path / "in" / f"{seed}.npz", seed, 8_000)
         words = [sys.executable, "-m", "hapfmt", "archive", "encode", "in", "out", *more]
         process = subprocess.Popen(
             words, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE,
@@ -326,6 +330,8 @@ class TestInterrupted:
         whole = list((tmp_path / "out").glob("*.hapf"))
         assert 0 < len(whole) < 60
         assert [path for path in whole if hapfmt.verify(path).exit_code] == []
+        if number == signal.SIGINT:
+            assert visible(tmp_path / "out") == {path.name for path in whole}
         found = report("encode", "in", "out", cwd=tmp_path)
         assert found["results"]["skipped"] >= len(whole)
         assert sum(found["results"].values()) == 60
@@ -597,7 +603,7 @@ def bagged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for package in ("polars", "bagit", "rocrate"):
         pytest.importorskip(package)
     room = tmp_path_factory.mktemp("bagged")
-    for seed, name in enumerate(NAMES):
+    for seed, name in enumerate(BAGGED):
         write_hapf(room / "deposit" / f"sub {seed % 2}" / f"{name}.hapf", seed, 600)
     (room / "deposit" / "read me.txt").write_text("made by hand")
     found = report(
@@ -605,8 +611,8 @@ def bagged(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "--license", "https://creativecommons.org/licenses/by/4.0/", "--info",
         "Source-Organization=Lab", cwd=room,
     )  # fmt: skip
-    assert found["file_count"] == len(NAMES)
-    assert found["payload_count"] == len(NAMES) + 3
+    assert found["file_count"] == len(BAGGED)
+    assert found["payload_count"] == len(BAGGED) + 3
     return room
 
 
@@ -628,6 +634,12 @@ class TestBag:
         info = (bagged / "deposit" / "bag-info.txt").read_text("utf-8")
         assert "Source-Organization: Lab\n" in info
         assert "Contact-Name: B. Author\n" in info
+
+    @pytest.mark.deep
+    def test_another_implementation_accepts_it(self, bagged: Path):
+        bagit_utils = pytest.importorskip("bagit_utils", reason="bagit-utils is not installed")
+        report = bagit_utils.Bag(bagged / "deposit").validate()
+        assert report.valid and not report.issues
 
     def test_by_the_letter_of_the_rfc(self, bagged: Path):
         """Without any library: RFC 8493, sections 2.1.3 and 2.2.1."""
@@ -657,34 +669,34 @@ class TestBag:
         data = bagged / "deposit" / "data"
         crate = ROCrate(data)
         assert (crate.name, crate.root_dataset["author"][1]["name"]) == ("Grasps", "B. Author")
-        assert len(crate.root_dataset["hasPart"]) == len(NAMES) + 2
-        for seed, name in enumerate(NAMES):
+        assert len(crate.root_dataset["hasPart"]) == len(BAGGED) + 2
+        for seed, name in enumerate(BAGGED):
             (file,) = [
                 e for e in crate.data_entities if e.get("name") == f"sub {seed % 2}/{name}.hapf"
             ]
             assert file["sha256"] and file["encodingFormat"] == "application/vnd.hapf"
             x, y = file["variableMeasured"]
             assert (x["name"], x["unitText"], y["name"], y["unitText"]) == ("fx", "N", "fy", "mm")
-        everything = np.concatenate([signal_of(seed, 600)[0] for seed in range(len(NAMES))])
+        everything = np.concatenate([signal_of(seed, 600)[0] for seed in range(len(BAGGED))])
         assert (x["minValue"], x["maxValue"]) == (everything.min(), everything.max())
 
     def test_a_good_bag_is_quiet_and_nothing_in_it_changes(self, bagged: Path):
         assert archive("verify", "deposit", cwd=bagged) == ""
         found = report("verify", "deposit", cwd=bagged)
-        assert found["results"] == {"intact": len(NAMES) + 6}
+        assert found["results"] == {"intact": len(BAGGED) + 6}
         for words in (["bag", "deposit"], ["catalogue", "deposit"]):
             done = commands.run("archive", *words, cwd=bagged)
             assert done.returncode == 1
             assert b"bag" in done.stderr
         rows = report("find", "deposit", cwd=bagged)["rows"]
-        assert len(rows) == 2 * len(NAMES)
+        assert len(rows) == 2 * len(BAGGED)
         assert (bagged / "deposit" / "data" / rows[0]["file"]).is_file()
 
     def test_rot_missing_and_unknown_files(self, deposit: Path):
         data = deposit / "deposit" / "data"
         damage(data / "sub 0" / "plain.hapf")
         damage(data / "read me.txt")
-        (data / "sub 0" / "-dash.hapf").unlink()
+        (data / "sub 1" / "-dash.hapf").unlink()
         (data / "sub 1" / "new.hapf").write_bytes((data / "sub 1" / "日本.hapf").read_bytes())
         # A whole file, but another one.
         other = data / "sub 1" / "with space.hapf"
@@ -693,7 +705,7 @@ class TestBag:
         bad = {each["file"]: each["result"] for each in found["files"] if each["exit_code"]}
         expected = {
             "data/sub 0/plain.hapf": "damaged", "data/read me.txt": "damaged",
-            "data/sub 0/-dash.hapf": "missing", "data/sub 1/new.hapf": "unknown",
+            "data/sub 1/-dash.hapf": "missing", "data/sub 1/new.hapf": "unknown",
             "data/sub 1/with space.hapf": "damaged",
         }  # fmt: skip
         assert bad == expected
@@ -732,10 +744,11 @@ class TestBag:
         (folder / "link.hapf").symlink_to("/etc/passwd")
         (folder / "loop").symlink_to(".")
         (folder / "50%0A.txt").write_text("")
+        (folder / "line\nbreak.txt").write_text("")
         (folder / os.fsdecode(b"\xff.txt")).write_text("")
         os.mkfifo(folder / "pipe")
         found = report("bag", "in", cwd=tmp_path, code=1)
-        assert len(found["files"]) == 5
+        assert len(found["files"]) == 6
         assert (folder / "a.hapf").exists()
         (folder / "bagless").mkdir()
         for words in (["--info", "x"], ["--info", "a:b=c"], ["--title", "a\nb"]):
@@ -838,3 +851,141 @@ def test_names_never_lead_out_of_the_target():
     odd = [Place("../../x.npz", "/a"), Place("/etc/x.npz", "/b")]
     found, _ = runs.targets_of(odd, "/out", ".hapf")
     assert found == ["/out/x.hapf", "/out/etc/x.hapf"]
+
+
+@pytest.mark.deep
+class TestDask:
+    """Processes of a cluster on this machine."""
+
+    def test_the_same_files_as_in_one_process(self, tmp_path: Path):
+        pytest.importorskip("distributed")
+        for seed in range(12):
+            write_npz(tmp_path / "in" / f"{seed}.npz", seed, 3000)
+        (tmp_path / "in" / "bad.npz").write_text("junk")
+        here = report("encode", "in", "here", cwd=tmp_path, code=1)
+        there = report("encode", "in", "there", "--jobs", "2", cwd=tmp_path, code=1)
+        assert results(here) == results(there)
+        assert visible(tmp_path / "here") == visible(tmp_path / "there")
+        for path in (tmp_path / "here").glob("*.hapf"):
+            other = hapfmt.read(tmp_path / "there" / path.name)
+            assert np.array_equal(hapfmt.read(path).to_numpy(), other.to_numpy())
+
+    def test_a_scheduler_that_runs_already(self, tmp_path: Path):
+        distributed = pytest.importorskip("distributed")
+        for seed in range(4):
+            write_hapf(tmp_path / "in" / f"{seed}.hapf", seed, 3000)
+        damage(tmp_path / "in" / "2.hapf")
+        with distributed.LocalCluster(
+            n_workers=1,
+            threads_per_worker=1,
+            processes=False,
+            dashboard_address=None,
+            protocol="tcp://",
+        ) as cluster:
+            words = ("verify", "in", "--dask", cluster.scheduler_address)
+            found = report(*words, cwd=tmp_path, code=3)
+        assert results(found)["2.hapf"] == "damaged"
+
+    def test_no_scheduler_there(self, tmp_path: Path):
+        pytest.importorskip("distributed")
+        write_hapf(tmp_path / "in" / "a.hapf")
+        done = commands.run("archive", "verify", "in", "--dask", "nonsense://x", cwd=tmp_path)
+        assert done.returncode == 1
+        assert b"no Dask scheduler" in done.stderr
+
+    def test_a_worker_that_is_killed_costs_time_alone(self, tmp_path: Path):
+        pytest.importorskip("distributed")
+        psutil = pytest.importorskip("psutil")
+        for seed in range(40):
+            write_npz(tmp_path / "in" / f"{seed}.npz", seed, 10_000)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "hapfmt", "archive", "encode", "in", "out", "--jobs", "2", "--json"],
+            cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        while not list((tmp_path / "out").glob("*.hapf")) and process.poll() is None:
+            time.sleep(0.01)
+        workers = [
+            child
+            for child in psutil.Process(process.pid).children(recursive=True)
+            if "spawn_main" in " ".join(child.cmdline())
+        ]
+        assert len(workers) == 2
+        workers[0].kill()
+        out, err = process.communicate(timeout=120)
+        found = json.loads(out)
+        assert (found["results"], found["exit_code"]) == ({"encoded": 40}, 0), err
+        assert visible(tmp_path / "out") == {f"{seed}.hapf" for seed in range(40)}
+
+
+@pytest.mark.deep
+class TestS3:
+    """The server of moto, on this machine."""
+
+    @pytest.fixture
+    def bucket(self, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+        pytest.importorskip("s3fs")
+        moto_server = pytest.importorskip("moto.server")
+        server = moto_server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+        server.start()
+        host, port = server.get_host_and_port()
+        given = {
+            "AWS_ENDPOINT_URL": f"http://{host}:{port}", "AWS_ACCESS_KEY_ID": "key",
+            "AWS_SECRET_ACCESS_KEY": "secret", "AWS_DEFAULT_REGION": "us-east-1",
+        }  # fmt: skip
+        for name, value in given.items():
+            monkeypatch.setenv(name, value)
+        try:
+            import s3fs
+
+            files = s3fs.S3FileSystem(skip_instance_cache=True)
+            files.mkdir("lab")
+            yield files
+            files.rm("lab", recursive=True)  # the server keeps it for the next test
+        finally:
+            server.stop()
+
+    def s3(self, *words: str, cwd: Path, code: int = 0) -> dict[str, Any]:
+        """A fresh process: s3fs keeps threads and connections."""
+        done = subprocess.run(
+            [sys.executable, "-m", "hapfmt", "archive", *words, "--json"], cwd=cwd,
+            capture_output=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == code, done.stdout + done.stderr
+        found: dict[str, Any] = json.loads(done.stdout)
+        return found
+
+    def test_encode_check_and_catalogue(self, tmp_path: Path, bucket: Any):
+        for seed, name in enumerate(["a", "b c", "gräße"]):
+            write_npz(tmp_path / "in" / "day 1" / f"{name}.npz", seed)
+        words = ("encode", "in", "s3://lab/touch", "--log", "log")
+        assert self.s3(*words, cwd=tmp_path)["results"] == {"encoded": 3}
+        assert self.s3(*words, cwd=tmp_path)["results"] == {"skipped": 3}
+        names = {f"lab/touch/day 1/{name}.hapf" for name in ("a", "b c", "gräße")}
+        assert set(bucket.find("lab/touch")) == names
+        other = ("encode", "in", "s3://lab/touch", "--log", "other")
+        assert self.s3(*other, cwd=tmp_path, code=1)["results"] == {"failed": 3}
+        data = bytearray(bucket.cat_file("lab/touch/day 1/b c.hapf"))
+        data[len(data) // 2] ^= 1
+        bucket.pipe_file("lab/touch/day 1/b c.hapf", bytes(data))
+        found = self.s3("verify", "s3://lab/touch", cwd=tmp_path, code=3)
+        assert results(found) == {
+            "day 1/a.hapf": "intact", "day 1/b c.hapf": "damaged", "day 1/gräße.hapf": "intact",
+        }  # fmt: skip
+        catalogue = ("catalogue", "s3://lab/touch/**/*.hapf", "-o", "c.parquet")
+        assert self.s3(*catalogue, cwd=tmp_path, code=3)["results"] == {"intact": 2, "damaged": 1}
+        assert self.s3(*catalogue, cwd=tmp_path, code=3)["results"] == {"unchanged": 3}
+        found = self.s3("recover", "s3://lab/touch", "mended", cwd=tmp_path, code=3)
+        assert visible(tmp_path / "mended") == {"day 1/b c.hapf"}
+        found = self.s3("encode", "s3://lab/none", "out", cwd=tmp_path, code=1)
+        assert found["results"] == {"failed": 1}
+
+    def test_workers_read_and_write_it(self, tmp_path: Path, bucket: Any):
+        pytest.importorskip("distributed")
+        for seed in range(6):
+            write_npz(tmp_path / "in" / f"{seed}.npz", seed)
+        found = self.s3("encode", "in", "s3://lab/x", "--log", "log", "--jobs", "2", cwd=tmp_path)
+        assert found["results"] == {"encoded": 6}
+        assert self.s3("verify", "s3://lab/x", "--jobs", "2", cwd=tmp_path)["results"] == {
+            "intact": 6
+        }
+        assert len(bucket.find("lab/x")) == 6

@@ -1,5 +1,6 @@
 """Parquet and Feather: files of pandas and pyarrow are read exactly, and ours by them."""
 
+import contextlib
 import io
 import json
 import struct
@@ -8,6 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 import pandas as pd
+import polars
 import pyarrow as pa
 import pyarrow.feather
 import pyarrow.parquet
@@ -15,11 +17,13 @@ import pytest
 import strategies as s
 from depth import examples
 from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 import hapfmt
 from hapfmt import Event
 from hapfmt.clocks import ClockMap, ClockObservation
 from hapfmt.convert import imported, read, save
+from hapfmt.convert.parquet_footer import column_chunks
 from hapfmt.errors import HapfmtError, LimitError, MissingExtraError, ParameterError
 from hapfmt.recording import Calibration, Channel, Recording, Span
 
@@ -179,6 +183,39 @@ class TestForeign:
         assert values(found[1]) == [-1.5, 0.0]
         assert found.metadata["source_units"] == {"thumb": "newtons"}
 
+    def test_metadata_of_the_file(self, kind, tmp_path):
+        table = pa.table({"x": [1.0, 2.0]})
+        data = written(table.replace_schema_metadata({"subject": "S1", "fs": "50"}), kind)
+        assert read(data).metadata == {"subject": "S1"} and read(data)[0].rate_exact == 50
+        frame = pd.DataFrame({"x": [1.0, 2.0]})
+        frame.attrs = {"subject": "S2", "trial": 4, "odd": NAN}
+        frame.to_parquet(tmp_path / "a")
+        data = written(pa.parquet.read_table(tmp_path / "a"), kind)
+        assert read(data, rate=9).metadata == {"subject": "S2", "trial": 4}
+
+    def test_polars(self, kind, tmp_path):
+        rng = np.random.default_rng(4)
+        x = rng.normal(size=4000)
+        frame = polars.DataFrame(
+            {
+                "time": np.arange(4000) * 0.5e-3,
+                "fx [N]": x,
+                "n": polars.Series([None, *range(3999)], dtype=polars.UInt8, strict=False),
+                "taxels": polars.Series(x.reshape(-1, 1) * [1, 2], dtype=polars.Array(float, 2)),
+                "phase": polars.Series(["a", "b"] * 2000, dtype=polars.Categorical),
+                "word": ["first"] * 2000 + [None] * 2000,
+            }
+        )
+        path = tmp_path / f"a.{kind}"
+        frame.write_parquet(path) if kind == "parquet" else frame.write_ipc(path)
+        found = read(path)
+        assert found.labels == ["fx", "n", "taxels.0", "taxels.1"]
+        assert found["fx"].stored.tobytes() == x.tobytes() and found["fx"].rate_exact == 2000
+        assert found["taxels.1"].stored.tobytes() == (x * 2).tobytes()
+        assert found["n"].coverage == (Span(1, 257),)
+        assert found["n"].counts.tolist() == list(range(256))
+        assert [e.text for e in found.events] == [*["a", "b"] * 2000, "first"]
+
     def test_units_among_the_attributes_of_a_frame(self, kind, tmp_path):
         recording = Recording((Channel(np.arange(9.0), 100, label="f", unit="N"),), epoch_ns=5)
         frame = recording.to_pandas()
@@ -198,6 +235,11 @@ class TestForeign:
         assert found["i"].stored.tolist() == (np.arange(5000) % 3).tolist()
         assert found["x"].stored.tolist() == list(range(5000))
         assert [e.text for e in found.events] == ["a", "b"] * 2500
+
+    def test_no_rows(self, kind):
+        table = pa.table({"x": pa.array([], pa.int16()), "word": pa.array([], pa.string())})
+        found = read(written(table, kind), rate=10)
+        assert found.labels == ["x"] and not found[0].stored.size and not found.events
 
     def test_select_and_clock(self, kind):
         n = np.arange(100)
@@ -309,6 +351,10 @@ class TestOurs:
         assert table.schema.field("fx").metadata[b"unit"] == b"N"
         assert table.schema.field("time").metadata == {b"unit": b"s"}
         assert table.schema.metadata[b"rate_hz"] == b"1000.0"
+        seen = polars.read_parquet(path) if kind == "parquet" else polars.read_ipc(path)
+        assert seen["fx"].drop_nulls().to_list() == physical.tolist()
+        assert seen["time"].to_list() == frame.index.tolist()
+        assert seen["time (2)"].drop_nulls().to_list() == [1, 2**63 - 1]
 
     @settings(max_examples=examples(60), deadline=None)
     @given(s.recordings().flatmap(s.clocked))
@@ -478,6 +524,46 @@ def test_wrong_footers():
         arrow[at : at + 8] = struct.pack("<q", bad)
         with pytest.raises(ParameterError, match="declares"):
             read(bytes(arrow), rate=1)
+
+
+def test_statistics_that_contradict_the_schema():
+    """pyarrow ends the process where these numbers are asked for."""
+    data = written(pa.table({"x": [1.0, 2.0, 3.0]}), "parquet")
+    optional, required = b"\x25\x02\x18\x01x", b"\x25\x00\x18\x01x"
+    assert data.count(optional) == 1
+    with pytest.raises(ParameterError, match="Definition level histogram"):
+        read(data.replace(optional, required), rate=1)
+
+
+@pytest.mark.parametrize("size", [1, 5])
+def test_the_footer_is_read_as_pyarrow_reads_it(size):
+    lacking = pa.array([1, None, 3] * size, pa.int64())
+    table = pa.table(
+        {"x": lacking, "t": pa.array(["a"] * 3 * size), "n": [{"a": [1.5]}] * 3 * size}
+    )
+    data = written(table, "parquet", row_group_size=2, write_page_index=True)
+    length = int.from_bytes(data[-8:-4], "little")
+    found = column_chunks(data[-8 - length : -8])
+    about = pa.parquet.read_metadata(io.BytesIO(data))
+    assert len(found) == about.num_row_groups
+    for number, group in enumerate(found):
+        known = [about.row_group(number).column(i) for i in range(about.num_columns)]
+        assert group == [(c.total_uncompressed_size, c.statistics.null_count) for c in known]
+
+
+@given(st.binary(max_size=60))
+def test_any_footer_is_read_or_refused(data):
+    with contextlib.suppress(ParameterError):
+        column_chunks(data)
+
+
+def test_names_that_are_not_utf8():
+    for kind in FORMATS:
+        table = pa.table({"name_1": [1.0], "deep": [{"name_2": [1.0]}]})
+        for name in (b"name_1", b"name_2"):
+            data = written(table, kind).replace(name, name[:4] + b"\xff\xff")
+            with pytest.raises(ParameterError, match=r"not a.? \w+ file|cannot be read"):
+                read(data, format=kind, rate=1)
 
 
 def test_memory_is_bounded():

@@ -189,7 +189,7 @@ class TestLayouts:
 
         assert abs(read_made(fill, clock="stamp").epoch_ns - 1_700_000_000 * 10**9) < 1000
         assert read_made(fill, clock="t").epoch_ns is None
-        assert "clock= chooses" in " ".join(notes(read_made(fill, clock="t")))
+        assert "choose times (clock=)" in " ".join(notes(read_made(fill, clock="t")))
         with pytest.raises(ParameterError, match="no time array 'log'; there are"):
             read_made(fill, clock="log")
 
@@ -531,9 +531,20 @@ class TestOurLayout:
         given = Recording((Channel(np.arange(9.0), 5, label="time"),))
         assert there_and_back(given)["time"].samples().tolist() == list(range(9))
 
-    def test_many_channels(self) -> None:
+    def test_many_channels(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """More than a dimension scale can list."""
-        given = Recording(tuple(Channel(np.zeros(1), 5, label=f"c{i}") for i in range(1001)))
+        given = Recording(tuple(Channel(np.zeros(1), 5, label=f"c{i}") for i in range(3)))
+        for most, listed in ((3, 1), (2, 0)):
+            monkeypatch.setattr("hapfmt.convert.hdf5_layout.MOST_SCALED", most)
+            stream = io.BytesIO()
+            save(given, stream, format="h5")
+            with h5py.File(stream) as file:
+                assert len(file["rate_5Hz/c2"].dims[0]) == listed
+            assert read(stream.getvalue()).labels == given.labels
+
+    @pytest.mark.deep
+    def test_a_thousand_channels(self) -> None:
+        given = Recording(tuple(Channel(np.zeros(1), 5, label=f"c{i}") for i in range(1000)))
         assert there_and_back(given).labels == given.labels
 
     def test_select(self) -> None:
@@ -694,6 +705,39 @@ class TestHostile:
         data = bytearray(made(lambda file: (put(file, "good", np.zeros(99), fs=10), fill(file))))
         assert "labels" not in read(bytes(data)).metadata["attributes"]["/"]
 
+    def test_a_heap_that_has_no_end(self) -> None:
+        """HDF5 reads an entry of size 0 again and again."""
+
+        def fill(file: Any) -> None:
+            put(file, "good", np.zeros(99), fs=10)
+            file.attrs["subject"] = "S1"
+
+        data = bytearray(made(fill))
+        assert read(bytes(data)).metadata["attributes"]["/"]["subject"] == "S1"
+        at = data.index(b"GCOL\x01") + 16
+        while data[at : at + 2] != bytes(2):
+            at += 16 + -(-int.from_bytes(data[at + 8 : at + 16], "little") // 8) * 8
+        data[at + 8 : at + 16] = bytes(8)
+        found = read(bytes(data))
+        assert found.labels == ["good"]
+        assert notes(found) == [
+            "attribute 'subject' of / is not read: its texts are damaged or too long"
+        ]
+
+    def test_all_texts_together(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Compressed texts, which take no space in the file."""
+        monkeypatch.setattr("hapfmt.convert.hdf5_files.ALL_TEXTS_SIZE", 30_000)
+
+        def fill(file: Any) -> None:
+            put(file, "good", np.zeros(99), fs=10)
+            for number in range(9):
+                packed = {"compression": "gzip", "chunks": True}
+                file.create_dataset(f"t{number}", data=np.array([b"x" * 9999] * 2), **packed)
+
+        about = read_made(fill).metadata
+        assert [*about["attributes"]["/"]] == ["t0", "t1"]
+        assert "the texts of /t2 are not read: they are too many" in about["notes"][0]
+
     def test_filters(self) -> None:
         hdf5plugin = pytest.importorskip("hdf5plugin")
 
@@ -712,6 +756,7 @@ class TestHostile:
 
     def test_deep_and_many(self) -> None:
         refused(lambda file: file.create_group("/".join("a" * 40)), "more than 32 deep")
+        refused(lambda file: file.create_group("a" * 600), "a name has 600 characters")
         refused(
             lambda file: put(file, "x", np.zeros((2, 40_000)), fs=1), "more than", transpose=True
         )
@@ -776,7 +821,7 @@ class TestHostile:
         rng = np.random.default_rng(3)
         for whole in (stream.getvalue(), foreign):
             damaged = [whole[:size] for size in range(0, len(whole), len(whole) // 40)]
-            for _ in range(examples(400)):
+            for _ in range(examples(200)):
                 at = int(rng.integers(len(whole)))
                 damaged.append(whole[:at] + bytes([rng.integers(256)]) + whole[at + 1 :])
             for data in damaged:
@@ -786,6 +831,13 @@ class TestHostile:
                     assert str(error)
 
 
+def test_advice_on_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "c.h5").write_bytes(made(lambda f: put(f, "x", np.zeros((6, 6)))))
+    done = run("inspect", "c.h5", cwd=tmp_path)
+    assert b"give a rate (--rate), or a map that says" in done.stderr and done.returncode == 1
+
+
+@pytest.mark.deep  # the commands of docs/hdf5-and-mat.md always run
 def test_on_the_command_line(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     path.write_bytes(

@@ -198,6 +198,10 @@ class TestForeign:
         assert len(read(v2(tmp_path / "a", [9]))[0].stored) == 9
         assert len(read(v3(tmp_path / "b", [rows(7, [8])]))[0].stored) == 8
 
+    def test_an_episode_without_frames(self, tmp_path):
+        found = read(v2(tmp_path / "a", [0]), select=["force", "next.done"])
+        assert [channel.stored.size for channel in found] == [0, 0] and not found.events
+
     def test_several_files(self, tmp_path):
         root = v3(tmp_path / "a", [rows(0, [5, 6]), rows(5, [7, 8])])
         assert [len(read(root, episode=n)[0].stored) for n in (0, 1, 5, 6)] == [5, 6, 7, 8]
@@ -540,6 +544,15 @@ class TestOurs:
         save(RECORDING.sel([0]), root, format="lerobot", force=True)
         assert read(root).labels == ["fx"] and len(list(tmp_path.iterdir())) == 1
 
+    def test_other_folders_are_never_replaced(self, tmp_path):
+        (tmp_path / "thesis.txt").write_text("years", "utf-8")
+        with pytest.raises(ParameterError, match="holds other files than LeRobot"):
+            save(RECORDING, tmp_path, format="lerobot", fps=20, force=True)
+        assert (tmp_path / "thesis.txt").read_text("utf-8") == "years"
+        (tmp_path / "empty").mkdir()
+        save(RECORDING, tmp_path / "empty", format="lerobot", fps=20, force=True)
+        assert len(read(tmp_path / "empty")) == 6
+
     def test_fps_that_is_no_integer(self, tmp_path):
         recording = Recording((Channel(np.arange(110.0), Fraction(44100, 7)),))
         notes = save(recording, tmp_path / "a", format="lerobot", fps=Fraction(4410, 7))
@@ -706,6 +719,16 @@ class TestHostile:
         pq.write_table(listed.set_column(place, "dataset_to_index", pa.array([count])), episodes)
         with pytest.raises(LimitError, match="more than the 1000000 allowed"):
             read(root, limits=hapfmt.Limits(memory=1_000_000))
+
+    def test_files_that_were_not_fetched(self, tmp_path):
+        root = v3(tmp_path / "a", [rows(0, [3])])
+        path = root / "data/chunk-000/file-000.parquet"
+        path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n")
+        with pytest.raises(ParameterError, match=r"pointer of Git LFS; git lfs pull"):
+            read(root)
+        path.unlink()
+        with pytest.raises(OSError, match=r"file-000\.parquet"):
+            read(root)
 
     def test_no_dataset(self, tmp_path):
         (tmp_path / "a").mkdir()

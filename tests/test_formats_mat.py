@@ -6,6 +6,7 @@ import io
 import json
 import re
 import struct
+import time
 import tracemalloc
 import zlib
 from collections.abc import Callable
@@ -468,6 +469,21 @@ class TestVersion73:
             assert text in shown
         assert "subsystem" not in shown
 
+    def test_long_texts(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("hapfmt.convert.hdf5_files.ALL_TEXTS_SIZE", 30_000)
+
+        def fill(file: Any) -> None:
+            put(file, "fs", 10.0)
+            put(file, "x", np.zeros(99))
+            put_text(file, "a_long", "x" * (1 << 20) + "x")
+            for number in range(4):
+                put_text(file, f"t{number}", "x" * 20_000)
+
+        about = read(made_73(fill)).metadata
+        assert [*about["attributes"]["/"]] == ["fs", "t0", "t1"]
+        assert "the text /a_long is too long, and is not read" in about["notes"]
+        assert "the text /t2 is too long, and is not read" in about["notes"]
+
     def test_cells_in_a_circle(self) -> None:
         def fill(file: Any) -> None:
             import h5py
@@ -656,6 +672,8 @@ class TestHostile:
         self.refused(head() + matrix("x", large, names, 2), "entries, more than")
         self.refused(head() + matrix("x", large, element(5, b"") + element(1, b""), 2), "entries")
         self.refused(head() + matrix("x", (1,) * 99, b""), "no sizes")
+        odd = element(14, element(6, bytes(8)) + element(5, bytes(9)) + element(1, b"x"))
+        self.refused(head() + odd, "no sizes")
         self.refused(head() + matrix("x", (1, 1), b"", 99), "unknown class 99")
         assert tracemalloc.get_traced_memory()[1] < 1 << 20
         tracemalloc.stop()
@@ -670,6 +688,14 @@ class TestHostile:
         few = matrix("", (0, 0), b"")
         self.refused(head() + matrix("x", (1, 19_999), few * 19_999, 1) + GOOD, "more than 20000")
 
+    def test_long_names_and_many_notes(self) -> None:
+        """A note names its variable, so that long names could take any memory."""
+        handle = matrix("", (1, 1), matrix("", (0, 0), b""), 16)
+        many = matrix("c", (1, 5000), handle * 5000, 1)
+        found = notes(read(head() + GOOD + many))
+        assert len(found) == 1001 and found[-1].startswith("more is not read")
+        self.refused(head() + matrix("x" * 600, (1, 1), b""), "holds no name")
+
     def test_bombs(self) -> None:
         """A variable that unpacks to 40 MB, and one that unpacks to more than it states."""
         zeros = matrix("x", (5 << 20, 1), element(9, bytes(40 << 20)))
@@ -683,6 +709,16 @@ class TestHostile:
         )
         fs = matrix("fs", (1, 1), element(9, struct.pack("<d", 100.0)))
         self.refused(head() + fs + longer, "a compressed variable is longer than it states")
+
+    @pytest.mark.deep
+    def test_many_arrays_take_no_longer_each(self) -> None:
+        """3000 trials with times of their own: they took 29 s when each was compared with all."""
+        t = np.arange(20) / 10
+        trials = cells(*({"time": t, "x_time": t, "x": np.zeros(20)} for _ in range(3000)))
+        data = made(False, trials=trials)
+        before = time.process_time()
+        assert len(read(data, select="trials/7/*")) == 1
+        assert time.process_time() - before < 10
 
     def test_a_text_that_is_long(self) -> None:
         text = matrix("note", (1, 3 << 20), element(16, b"x" * (3 << 20)), 4)
@@ -707,6 +743,7 @@ class TestHostile:
                 survives(data, "mat")
 
 
+@pytest.mark.deep  # the commands of docs/hdf5-and-mat.md always run
 def test_on_the_command_line(tmp_path: Path) -> None:
     x = np.arange(3000.0).reshape(1000, 3)
     (tmp_path / "a.mat").write_bytes(made(wrench={"data": x, "fs": 500, "unit": "N"}))

@@ -13,7 +13,6 @@ import xdf_files as xdf
 from test_formats_survival import table
 
 from hapfmt.convert import read
-from hapfmt.convert.formats import TDMS
 from hapfmt.convert.timestamps import stamps_of
 from hapfmt.errors import ParameterError
 from hapfmt.recording import Calibration, Span
@@ -167,12 +166,12 @@ def tdms_rates() -> str:
     return "exact"
 
 
-def tdms_stamped(stamps: Any) -> Any:
+def tdms_stamped(stamps: Any, **options: Any) -> Any:
     data = tdms.written([
         tdms.channel("g", "t", START + np.rint(stamps * 1e6).astype(int) * np.timedelta64(1, "us")),
         tdms.channel("g", "x", np.arange(len(stamps))),
     ])  # fmt: skip
-    return read(data)
+    return read(data, **options)
 
 
 def tdms_lost() -> str:
@@ -189,8 +188,14 @@ def tdms_stamps() -> str:
 
 
 def tdms_kept_stamps() -> str:
-    assert "keep_stamps" not in TDMS.options
-    return "no"
+    back = tdms_stamped(np.array(LATE), keep_stamps=True)
+    kept = back["g.stamp"]
+    stamps = stamps_of(kept.stored, np.arange(200), kept.rate_exact, back.epoch_ns)
+    expected = (START + np.rint(np.array(LATE) * 1e6).astype(int) * np.timedelta64(1, "us")).astype(
+        "M8[ns]"
+    )
+    assert np.abs(stamps - expected.astype(np.int64)).max() <= 1
+    return "to 1 ns"
 
 
 def tdms_label() -> str:

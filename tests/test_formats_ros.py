@@ -6,13 +6,14 @@ import io
 import re
 import shutil
 import sqlite3
+import time
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from depth import examples
+from depth import DEEP, examples
 from ros_files import KINDS, START, Bag, bag, json_mcap, path_of, wrenches
 from test_timestamps import Publisher
 
@@ -490,6 +491,56 @@ class TestDamage:
             tried(copy.read_bytes(), "ros2", tmp_path)
 
     @pytest.mark.capped
+    @pytest.mark.parametrize("way", ["db3", "mcap"])
+    def test_the_metadata_of_a_folder(self, way, tmp_path):
+        path, _ = wrenches(tmp_path, way, rows=20)
+        about = path / "metadata.yaml"
+        whole = about.read_text("utf-8")
+        bomb = "\n  - &a [x, x, x, x]" + "".join(
+            f"\n  - &{chr(c + 1)} [{', '.join([f'*{chr(c)}'] * 9)}]"
+            for c in range(ord("a"), ord("w"))
+        )
+        values = [
+            "",
+            "null",
+            "-1",
+            "[]",
+            "{}",
+            "[[" * (900 if DEEP else 30),
+            "&x [*x]",
+            '"\\0"',
+            "../../etc",
+            bomb,
+        ]
+        lines = whole.splitlines()
+        refused = 0
+        for number, line in enumerate(lines):
+            key, colon, _ = line.partition(": ")
+            for value in values if DEEP else values[number % 11 :: 11]:
+                changed = f"{key}{colon}{value}" if colon else value
+                about.write_text(
+                    "\n".join([*lines[:number], changed, *lines[number + 1 :]]), "utf-8"
+                )
+                try:
+                    read(path, max_memory=1 << 24)
+                except (HapfmtError, OSError) as error:
+                    assert len(str(error)) < 10_000
+                    refused += 1
+        assert refused > 5
+        for key in ("storage_identifier", "compression_mode", "relative_file_paths"):
+            rest = [
+                line
+                for line in lines
+                if key not in line and ".db3" not in line and ".mcap" not in line
+            ]
+            about.write_text("\n".join([*rest, f"  {key}:{bomb}"]), "utf-8")
+            with pytest.raises(ParameterError, match=r"metadata\.yaml"):
+                read(path)
+        about.write_text("#" * (5 << 20))
+        with pytest.raises(LimitError, match=r"metadata\.yaml is longer"):
+            read(path)
+
+    @pytest.mark.capped
     @pytest.mark.parametrize("packing", ["zstd", "lz4"])
     def test_bombs_are_refused(self, packing):
         from mcap.data_stream import RecordBuilder
@@ -558,6 +609,32 @@ class TestDamage:
         writer.finish()
         with pytest.raises(ParameterError, match="nested too deeply"):
             read(io.BytesIO(stream.getvalue()))
+
+    @pytest.mark.parametrize(
+        "text",
+        ["\n" * 200_000, "# x\n" * 60_000, "float64 x\n" * 5_000, "float64[" * 30_000, "float64[2000000000] x",
+         "a/C[4000000000] x\n" + "=" * 80 + "\nMSG: a/C\nfloat64 z\n", "float64[" + "9" * 5000 + "] x",
+         "a/C[4096] x\na/C[4096] y\n" + "=" * 80 + "\nMSG: a/C\n", "float64 x\n" * 30_000, "\0", "x" * 70],
+        ids=lambda text: text[:12].encode("unicode_escape").decode(),
+    )  # fmt: skip
+    def test_definitions_of_any_kind(self, text):
+        """They are refused, or left out with a note, and take no long time."""
+        from mcap.writer import Writer
+
+        stream = io.BytesIO()
+        writer = Writer(stream)
+        writer.start("ros2")
+        schema = writer.register_schema("a/msg/B", "ros2msg", text.encode())
+        channel = writer.register_channel("/x", "cdr", schema)
+        for row in range(100):
+            writer.add_message(channel, START + row * 10**7, b"\0\1\0\0" + bytes(64), START)
+        writer.finish()
+        began = time.process_time()
+        try:
+            assert len(read(stream.getvalue())) == 0
+        except ParameterError as error:
+            assert len(str(error)) < 1000
+        assert time.process_time() - began < 20
 
     def test_a_bag_that_lost_a_part(self, folder):
         path, _ = wrenches(folder, "mcap", name="lost")

@@ -14,7 +14,7 @@ from commands import run
 from formats import damaged, facts, survives
 from hypothesis import given
 from hypothesis import strategies as st
-from tdms_files import channel, daqmx, linear, written
+from tdms_files import channel, daqmx, interleaved, linear, written
 
 from hapfmt.clocks import ClockObservation
 from hapfmt.convert import imported, read, tdms
@@ -139,6 +139,15 @@ class TestChannels:
             "/'g'": {"arm": "left"},
             "/'g'/'x'": {"gain": 2.5},
         }
+
+    @pytest.mark.parametrize("big_endian", [False, True])
+    def test_interleaved(self, big_endian: bool) -> None:
+        x = np.arange(-30, 30, dtype=np.int16).reshape(-1, 3)
+        data = interleaved(x, big_endian=big_endian) * 2
+        back = read(data)
+        assert [c.counts.tolist() for c in back] == [[*column, *column] for column in x.T.tolist()]
+        assert foreign(data)["ai1"].tolist() == back["ai1"].counts.tolist()
+        assert {c.rate_exact for c in back} == {1000}
 
     def test_blocks_are_chunks(self) -> None:
         with imported(session()) as (_, found):
@@ -266,7 +275,14 @@ class TestHostile:
         assert read(data)["x"].stored.tolist() == list(range(90))
         assert notes(data) == ["the file ends within a segment; what comes before is read"]
 
-    @pytest.mark.parametrize("data", [session, lambda: daqmx(np.ones((40, 2), "<i2"), WAVED)])
+    @pytest.mark.parametrize(
+        "data",
+        [
+            session,
+            lambda: daqmx(np.ones((40, 2), "<i2"), WAVED),
+            lambda: interleaved(np.ones((40, 2), np.int16)),
+        ],
+    )
     def test_damage(self, data: Any, capfd: pytest.CaptureFixture[str]) -> None:
         for each in damaged(data(), 40, 120):
             survives(each, "tdms")

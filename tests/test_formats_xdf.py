@@ -246,6 +246,23 @@ class TestClocks:
         back = read(one("int16", [[i] for i in range(190)], stamps, rate=100))
         assert back["s"].coverage == (Span(0, 80), Span(90, 200))
 
+    @pytest.mark.parametrize(("true", "jitter"), [(90, 0), (50, 2e-3), (102, 1e-4), (1000, 1e-4)])
+    def test_a_nominal_rate_that_is_wrong(self, true: int, jitter: float) -> None:
+        late = np.random.default_rng(0).exponential(1, 2000) * jitter
+        stamps = (10 + np.arange(2000) / true + late).tolist()
+        back = read(one("int16", [[i] for i in range(2000)], stamps, rate=100))
+        assert abs(float(back["s"].rate_exact) / true - 1) < 1e-3
+        assert back["s"].coverage == (Span(0, 2000),)
+        said = f"the nominal rate is 100 Hz, the stamps come at {back['s'].rate_exact} Hz"
+        assert back.metadata["notes"][0] == f"stream 's': {said}"
+
+    def test_a_nominal_rate_decides_for_stamps_that_jitter_much(self) -> None:
+        late = np.random.default_rng(0).uniform(0, 0.009, 40)
+        stamps = (10 + np.arange(40) / 100 + late).tolist()
+        back = read(one("int16", [[i] for i in range(40)], stamps, rate=100))
+        assert back["s"].rate_exact == 100
+        assert read(one("int16", [[i] for i in range(40)], stamps)).channels == ()
+
     def test_offsets_after_the_clock_was_set_back(self) -> None:
         first = [1000 + i / 100 for i in range(100)]
         second = [5 + i / 100 for i in range(100)]

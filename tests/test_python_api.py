@@ -406,6 +406,18 @@ class TestTables:
         with pytest.raises(ParameterError, match="2 dimensions"):
             Recording.from_array(data.to_dataarray())
 
+    @pytest.mark.parametrize("one", [example()["fx"], example().sel("fx")], ids=["channel", "all"])
+    def test_as_numpy_wants_it(self, one):
+        """numpy.asarray with a dtype, and with each of the three values of copy."""
+        x = np.asarray(one)
+        assert x.dtype == np.float64 and np.array_equal(x, one.to_numpy(), equal_nan=True)
+        assert np.asarray(one, dtype=np.float32).dtype == np.float32
+        assert np.array_equal(one.__array__(copy=True), x, equal_nan=True)
+        assert one.__array__(np.float32, copy=None).dtype == np.float32
+        with pytest.raises(ValueError, match="always a copy"):
+            one.__array__(copy=False)
+        assert np.nanmax(one) == np.nanmax(x)
+
     def test_other_byte_orders(self):
         for dtype in (">f8", ">i2", ">f4"):
             assert Recording.from_array(np.arange(3).astype(dtype), 5)[0].samples()[1] == 1

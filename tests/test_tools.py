@@ -137,12 +137,17 @@ def test_the_page_lists_every_program():
         (["messages.py", "--quick"], "| wrench and joints, 27 channels |"),
         (["throughput.py", "--quick"], "exact values, recall, readable"),
         pytest.param(["lazy.py", "--seconds", "20"], "by URL", marks=pytest.mark.deep),
+        pytest.param(
+            ["archives.py", "--files", "5", "--megabytes", "2", "--jobs", "1"],
+            "3 files were damaged; exactly these are reported",
+            marks=pytest.mark.deep,
+        ),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )
 def test_runs(words, printed):
     """Each program that has an option for a few seconds of work."""
-    if words[0] == "throughput.py":
+    if words[0] in ("throughput.py", "archives.py"):
         pytest.importorskip("soundfile")
     if words[0] == "lazy.py":
         pytest.importorskip("xarray")

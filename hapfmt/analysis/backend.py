@@ -11,14 +11,12 @@ file that is another one when it is opened again is refused.
 from __future__ import annotations
 
 import copy
-import errno
 import os
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 from uuid import UUID
 
 import numpy as np
@@ -30,21 +28,23 @@ from xarray.core import indexing
 from ..datasets import About, DatasetVariable, clock_maps, dataset_of, events_of, rate_names
 from ..errors import ParameterError, unknown
 from ..format.source import is_url
-from ..format.track import unsupported_track
 from ..format.wire import SIGNATURE
-from ..reading.catalogue import ChannelRef, FalseIndexError
-from ..reading.decoder import Assembly, Decoded
-from ..reading.reader import Reader
-from ..recording import Channel, variable_names
-from .extents import chunks_of, extents_of
+from ..reading.catalogue import FalseIndexError
+from ..recording import variable_names
+from .files import (
+    PartReader,
+    check_channels,
+    chunks_of,
+    described,
+    extents_of,
+    open_reader,
+    read_ticks,
+    unchanged,
+    version_of,
+)
 
 EVENTS = "events"
 """The group of events."""
-
-
-def open_reader(path: str, mode: str = "r") -> Reader:  # noqa: ARG001
-    """CachingFileManager gives a mode, where it opens the file again in another process too."""
-    return Reader(path, strict=True)
 
 
 class ChannelArray(BackendArray):
@@ -80,27 +80,9 @@ class ChannelArray(BackendArray):
     def read(self, start: int, stop: int) -> NDArray[np.float64]:
         """The values of the places [start, stop)."""
         first, last = self.first + start, self.first + stop
-        # A copy has its own list of losses, so that threads share no state that changes.
-        reader = copy.copy(unchanged(self.files.acquire(), self.version))
-        (ref,) = reader.select([self.number])
-        part = reader.assembly([ref], first / self.rate, last / self.rate).channel(ref)
-        reader.refuse_damage()
-        return part.filled(first, last)
-
-
-def version_of(reader: Reader) -> tuple[Any, ...]:
-    """What differs where a path leads to another file."""
-    source, head = reader.source, reader.catalogue.head
-    version = getattr(source, "version", None)
-    return source.size, version, reader.catalogue.file_id, head.uuid if head else None
-
-
-def unchanged(reader: Reader, version: Any) -> Reader:
-    if version_of(reader) != version:
-        raise OSError(
-            errno.ESTALE, "the file changed after it was opened; open it again", reader.source.path
-        )
-    return reader
+        reader = unchanged(self.files.acquire(), self.version)
+        (channel,) = read_ticks(reader, [reader.by_number()[self.number]], first, last)
+        return channel.filled(first, last)
 
 
 class HapfFile:
@@ -108,7 +90,7 @@ class HapfFile:
 
     def __init__(self, path: str, *, drop: Iterable[str], clocks: bool) -> None:
         self.files = CachingFileManager(open_reader, path, mode="r")
-        self.reader: Reader = self.files.acquire()
+        self.reader: PartReader = self.files.acquire()
         try:
             self.learn({*drop}, clocks=clocks)
         except FalseIndexError:
@@ -120,7 +102,6 @@ class HapfFile:
 
     def learn(self, drop: set[str], *, clocks: bool) -> None:
         reader = self.reader
-        reader.refuse_unknown()
         self.version = version_of(reader)
         self.refs = reader.channels
         self.names = variable_names([ref.label for ref in self.refs])
@@ -129,11 +110,7 @@ class HapfFile:
         self.kept = [
             (name, ref) for name, ref in zip(self.names, self.refs, strict=True) if name not in drop
         ]
-        for _, ref in self.kept:
-            for track in ref.tracks:
-                if track.unsupported:
-                    raise unsupported_track(track, reader.source.path)
-        reader.lost_parts([ref for _, ref in self.kept], "full")
+        check_channels(reader, [ref for _, ref in self.kept])
         self.extents = extents_of(reader.catalogue, [ref for _, ref in self.kept])
         self.maps = clock_maps(reader.clocks, reader.clock_maps) if clocks else []
         reader.refuse_damage()
@@ -192,11 +169,6 @@ class HapfFile:
         return found
 
 
-def described(ref: ChannelRef) -> Channel:
-    """The channel without its samples."""
-    return Assembly({track.id: Decoded(track) for track in ref.tracks}, "full").channel(ref)
-
-
 class HapfBackend(BackendEntrypoint):
     """Opens recordings in the hapf format for xarray."""
 
@@ -209,7 +181,7 @@ class HapfBackend(BackendEntrypoint):
             return False
         name = os.fspath(filename_or_obj)
         if isinstance(filename_or_obj, str) and is_url(name):
-            return urlsplit(name).path.endswith(".hapf") or name.endswith(".hapf")
+            return any(part.split("?")[0].endswith(".hapf") for part in name.split("::"))
         if name.endswith(".hapf"):
             return True
         try:

@@ -27,7 +27,7 @@ CRATE = "ro-crate-metadata.json"
 MISSING, UNKNOWN = "missing", "unknown"
 MARK = "Written by hapfmt archive bag"
 TAG_FILES = ("bag-info.txt", "manifest-sha256.txt", "tagmanifest-sha256.txt")
-AMBIGUOUS = re.compile("%(0a|0d|25)", re.IGNORECASE)
+AMBIGUOUS = re.compile("[\r\n]|%(0a|0d|25)", re.IGNORECASE)
 
 
 def bagit() -> Any:
@@ -106,7 +106,9 @@ def unbaggable(root: Path) -> list[FileOutcome]:
             elif not is_text(below):
                 problem = "the name is not UTF-8"
             elif AMBIGUOUS.search(below):
-                problem = "programs read %0A, %0D and %25 in a name of a bag differently"
+                problem = (
+                    "programs read line breaks, %0A, %0D and %25 in names of a bag differently"
+                )
             elif not os.access(path, os.R_OK):
                 problem = "it cannot be read"
             if problem:

@@ -149,6 +149,7 @@ def is_folder(entry: os.DirEntry[str]) -> bool:
 
 
 def place_of(path: Path, name: str) -> Place:
+    path = path.absolute()  # workers have folders of their own
     try:
         info = path.stat()
     except OSError as error:
@@ -160,6 +161,7 @@ def place_of(path: Path, name: str) -> Place:
 
 def folder_place(folder: Path, name: str) -> Place:
     """A recording that is a folder: its size and its latest change count."""
+    folder = folder.absolute()
     size, latest = 0, 0
     for path in sorted(folder.rglob("*")):
         try:

@@ -332,6 +332,14 @@ def targets_of(
     return targets, {name: found for name, found in shared.items() if len(found) > 1}
 
 
-def empty_staging(folder: Path) -> None:
-    """Removes what a run that was killed left unfinished."""
-    shutil.rmtree(folder, ignore_errors=True)
+@contextmanager
+def emptied(staging: Path | None) -> Iterator[None]:
+    """The folder of unfinished outputs, empty before and after: a run that was killed left some."""
+    if staging is None:
+        yield
+        return
+    shutil.rmtree(staging, ignore_errors=True)
+    try:
+        yield
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)

@@ -255,7 +255,7 @@ def write_all(
         FOLDER,
         LOG,
         STAGING,
-        empty_staging,
+        emptied,
         run,
         skip_written,
         targets_of,
@@ -282,19 +282,18 @@ def write_all(
     targets, shared = targets_of(places, target, suffix)
     work = []
     for place, output in zip(places, targets, strict=True):
-        others = ", ".join(other.shown for other in shared.get(output, []) if other != place)
+        others = ", ".join(other.name for other in shared.get(output, []) if other != place)
         text = f"{others} would have the same target: {output}" if others else place.error
         work.append(job_of(replace(place, error=text), output, staging))
-    with opened_log(Path(log) if log else own) as found:
-        if staging:
-            empty_staging(Path(staging))
-        began = time.perf_counter()
-        with progress(title) as advance:
-            outcomes = run(
-                work, workers=jobs, address=dask, log=found, skip=skip_written, progress=advance
-            )
-        if staging:
-            empty_staging(Path(staging))
+    began = time.perf_counter()
+    with (
+        opened_log(Path(log) if log else own) as found,
+        emptied(Path(staging) if staging else None),
+        progress(title) as advance,
+    ):
+        outcomes = run(
+            work, workers=jobs, address=dask, log=found, skip=skip_written, progress=advance
+        )
     return report(outcomes, time.perf_counter() - began, as_json)
 
 
@@ -577,7 +576,7 @@ def bag_folder(
     )
     from ..archive.catalogue import NAME, polars, to_parquet
     from ..archive.places import local_path
-    from ..archive.runs import FOLDER, empty_staging
+    from ..archive.runs import FOLDER, emptied
 
     refuse_both(jobs, dask)
     pairs = []
@@ -611,7 +610,8 @@ def bag_folder(
         note("nothing was bagged: recover or remove these files, or give --force")
         return code
     rows = [row for each in outcomes for row in each.rows]
-    empty_staging(root / FOLDER)
+    with emptied(root / FOLDER):
+        pass
     for name, data in ((NAME, to_parquet(rows)), (CRATE, crate_of(root, rows, about, NAME))):
         with atomic_write(root / name, force=True) as stream:
             stream.write(data)

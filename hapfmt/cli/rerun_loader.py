@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import HapfmtError, MissingExtraError, ParameterError
-from . import ERROR
+from . import ERROR, screen
 
 if TYPE_CHECKING:
     from ..reading.reader import Reader
@@ -48,7 +48,7 @@ def main(
     try:
         show(file, application_id or Path(file).stem, recording_id, entity_path_prefix)
     except (HapfmtError, OSError) as error:
-        click.echo(f"rerun-loader-hapf: {error}", err=True)
+        screen.say(f"rerun-loader-hapf: {error}", err=True)
         sys.exit(ERROR)
 
 

@@ -395,6 +395,10 @@ def save(
             if chosen.folder:
                 if path is None:
                     raise ParameterError(f"{chosen.title} is a folder, and needs a path")
+                if path.is_dir() and any(path.iterdir()) and not (path / chosen.folder).exists():
+                    raise ParameterError(
+                        f"the folder holds other files than {chosen.title}, and is not replaced"
+                    )
                 with atomic_folder(path, force=force) as folder:
                     notes = write(recording, Destination(path=folder), options)
             elif path is None:

@@ -79,6 +79,8 @@ _RATE_KEYS = (
     "rate", "rate_hz", "sampling_rate", "sample_rate", "sampling_frequency", "samplerate", "fs",
     "sfreq", "fps",
 )  # fmt: skip
+_PROGRAMS = ("hapfmt", "pandas", "PANDAS_ATTRS", "huggingface", "ARROW:schema")
+"""Keys under which programs describe the columns to themselves."""
 TEXT_KEYS = ("quantity", "axis", "group", "body_site", "device")
 
 
@@ -105,6 +107,18 @@ def arrow_errors(what: str) -> Iterator[None]:
             raise
         reason = str(error).partition("\n")[0]
         raise ParameterError(f"{what}: {reason}") from error
+
+
+def checked_schema(schema: Any) -> Any:
+    """The schema, once all of its names have been decoded; pyarrow does that when they are used."""
+    todo = list(schema)
+    while todo:
+        field = todo.pop()
+        if not isinstance(field.name, str):
+            raise ParameterError("a column has no name")
+        type_ = _plain_type(field.type)
+        todo += [type_.field(place) for place in range(type_.num_fields)]
+    return schema
 
 
 class Container(Protocol):
@@ -246,9 +260,14 @@ def is_text(type_: Any) -> bool:
     import pyarrow as pa
 
     type_ = _plain_type(type_)
-    return bool(
-        pa.types.is_string(type_) or pa.types.is_large_string(type_) or type_ == pa.string_view()
-    )
+    return bool(pa.types.is_string(type_) or pa.types.is_large_string(type_) or is_view(type_))
+
+
+def is_view(type_: Any) -> bool:
+    """Texts as Polars writes them; pyarrow computes less with them."""
+    import pyarrow as pa
+
+    return bool(type_ == pa.string_view())
 
 
 def texts_of(metadata: Any) -> dict[str, str]:
@@ -751,9 +770,8 @@ def text_events(
     rows = 0
     for batch in container.batches([column], 1 << 12):
         with arrow_errors(f"column {column!r} cannot be read"):
-            array = _storage(batch.column(batch.schema.get_field_index(column)))
-            encoded = array.dictionary_encode()
-            codes = np.asarray(encoded.indices.fill_null(-1))
+            encoded = _encoded(batch.column(batch.schema.get_field_index(column)))
+            codes = np.asarray(encoded.indices.cast("int64").fill_null(-1))
             edges = np.flatnonzero(np.diff(codes, prepend=-2))
             for edge in edges.tolist():
                 code = int(codes[edge])
@@ -767,12 +785,23 @@ def text_events(
                     )
                     return []
         rows += batch.num_rows
-    ends = [row for row, _ in runs[1:]] + [rows]
+    ends = [*(row for row, _ in runs), rows][1:]
     return [
         Event(seconds(row), text, seconds(end - 1) + tick - seconds(row), layer=layer or column)
         for (row, text), end in zip(runs, ends, strict=True)
         if text
     ]
+
+
+def _encoded(array: Any) -> Any:
+    """Texts as numbers of texts."""
+    import pyarrow as pa
+
+    if isinstance(array, pa.ExtensionArray):
+        array = array.storage
+    if pa.types.is_dictionary(array.type):
+        return array
+    return (array.cast(pa.large_string()) if is_view(array.type) else array).dictionary_encode()
 
 
 # Reading a file
@@ -858,8 +887,16 @@ def read_table(container: Container, options: ReadOptions, kind: str) -> Import:
         tables, blocks, epoch_ns, notes=tuple(dict.fromkeys(notes)), events=tuple(events),
         clocks=tuple(clocks),
     )  # fmt: skip
-    made = _with_pandas(made, container.schema, stamps if isinstance(stamps, Stamps) else None)
-    return with_own(made, own)
+    if own:
+        return with_own(made, own)
+    made = replace(made, metadata=_metadata_in(about))
+    return _with_pandas(made, container.schema, stamps if isinstance(stamps, Stamps) else None)
+
+
+def _metadata_in(about: Mapping[str, str]) -> dict[str, Any]:
+    """What others wrote into the metadata of the file, but for what is read already."""
+    read = {*_RATE_KEYS, *_PROGRAMS, "notes"}
+    return {key: text for key, text in about.items() if key not in read}
 
 
 def _observed(
@@ -925,16 +962,20 @@ def _rate_in(
 
 
 def _with_pandas(made: Import, schema: Any, stamps: Stamps | None) -> Import:
-    """Units and epoch among the attributes of a DataFrame, as ``to_pandas`` puts them there."""
+    """The attributes of a DataFrame: units and epoch, as ``to_pandas`` puts them there, and what
+    else the user noted."""
     about = texts_of(schema.metadata)
     try:
-        given = json.loads(about.get("PANDAS_ATTRS", "{}"))
+        given = json.loads(about.get("PANDAS_ATTRS", "{}"), parse_constant=lambda _: None)
     except (ValueError, RecursionError):
         return made
     found = given if isinstance(given, dict) else {}
     epoch = found.get("epoch_ns")
     if made.epoch_ns is None and isinstance(epoch, int) and abs(epoch) < 1 << 63 and stamps:
         made = replace(made, epoch_ns=epoch)
+    read = {"units", "notes", *_RATE_KEYS, *(() if made.epoch_ns is None else ("epoch_ns",))}
+    more = {key: x for key, x in found.items() if key not in read and x is not None}
+    made = replace(made, metadata={**made.metadata, **more})
     units = found.get("units")
     if not isinstance(units, dict):
         return made

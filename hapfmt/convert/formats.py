@@ -462,7 +462,7 @@ TDMS = Format(
     suffixes=(".tdms",),
     module="hapfmt.convert.tdms",
     magic=((0, b"TDSm"),),
-    options=frozenset({"select"}),
+    options=frozenset({"select", "keep_stamps"}),
 )
 HJIF = Format(
     name="hjif",

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..errors import HapfmtError, LimitError, MissingExtraError, ParameterError
 from ..numbers import counted
 from .formats import Source
-from .layouts import Path, SourceArray, SourceTree
+from .layouts import LONGEST_NAME, Path, SourceArray, SourceTree
 
 MOST_OBJECTS = 20_000
 """Groups and data sets of a file."""
@@ -26,8 +26,14 @@ DEEPEST = 32
 MOST_TEXTS = 4096
 """Entries of an attribute or a data set of texts."""
 TEXTS_SIZE = 64 << 20
+"""Bytes of the texts that are read at once."""
+ALL_TEXTS_SIZE = 256 << 20
+"""Characters of all texts, but for those of our own layout."""
 LONGEST_TEXT = 1 << 20
 """Bytes of a text that is kept, but for those of our own layout."""
+HEAP = b"GCOL\x01"
+SMALLEST_HEAP = 4096
+MOST_HEAP_ENTRIES = 4_000_000
 CHUNK_SIZE = 256 << 20
 """Bytes of the largest chunk: it is read whole."""
 CACHE_SIZE = 32 << 20
@@ -87,48 +93,89 @@ def opened(source: Source) -> Any:
 
 
 class Texts:
-    """Reads texts of any length in bounded memory.
+    """Reads texts of any length in bounded memory and time.
 
     h5py reads all texts of an attribute at once. Several may be one long text in the file, so the
-    size of the largest heap in the file bounds each.
+    longest text in the file bounds each. Texts lie in heaps, which are found by their signature.
+    The heaps are checked first: HDF5 never leaves an entry of size 0.
     """
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
         self._longest: int | None = None
+        self._left = ALL_TEXTS_SIZE
 
-    def fit(self, count: int) -> bool:
-        return count <= MOST_TEXTS and count * self.longest <= TEXTS_SIZE
+    def fit(self, count: int, size: int | None = None) -> bool:
+        """Whether texts may be read. ``size``: bytes of each, if that is known."""
+        if size is None:
+            try:
+                size = self.longest
+            except ParameterError:
+                return False
+        return self._left > 0 and count <= MOST_TEXTS and count * size <= TEXTS_SIZE
+
+    def took(self, value: Any) -> Any:
+        """Count the bytes that were read: a text may be in memory often, and in the file once."""
+        self._left -= sum(map(len, value)) if isinstance(value, list) else len(value)
+        return value
 
     @property
     def longest(self) -> int:
-        """Bytes of the largest heap, found by its signature."""
+        """Bytes of the longest text. ParameterError where a heap is damaged."""
         if self._longest is None:
-            longest, overlap, tail = 0, 15, b""
+            self._longest = self._longest_of(self._heaps())
             self._stream.seek(0)
-            while block := self._stream.read(1 << 20):
-                data = tail + block
-                at = data.find(b"GCOL\x01\0\0\0")
-                while at >= 0:
-                    if len(data) >= at + 16:
-                        longest = max(longest, int.from_bytes(data[at + 8 : at + 16], "little"))
-                    at = data.find(b"GCOL\x01\0\0\0", at + 8)
-                tail = data[-overlap:]
-            self._stream.seek(0)
-            self._longest = longest
+        if self._longest < 0:
+            raise ParameterError("the texts of the file are damaged, or too many")
         return self._longest
+
+    def _heaps(self) -> list[tuple[int, int]]:
+        """Place and size of each heap; without those that HDF5 refuses by their size."""
+        end = self._stream.seek(0, 2)
+        self._stream.seek(0)
+        found: list[tuple[int, int]] = []
+        start, tail = 0, b""
+        while block := self._stream.read(1 << 20):
+            data = tail + block
+            at = data.find(HEAP)
+            while at >= 0 and len(data) >= at + 16 and len(found) < MOST_HEAP_ENTRIES:
+                size = int.from_bytes(data[at + 8 : at + 16], "little")
+                if SMALLEST_HEAP <= size <= end - start - at:
+                    found.append((start + at, size))
+                at = data.find(HEAP, at + 1)
+            tail = data[-15:]
+            start += len(data) - len(tail)
+        return sorted(set(found))
+
+    def _longest_of(self, heaps: list[tuple[int, int]]) -> int:
+        """-1 where a heap is damaged."""
+        longest, entries = 0, 0
+        for place, size in heaps:
+            at = 16
+            while at + 16 <= size:
+                entries += 1
+                self._stream.seek(place + at)
+                head = self._stream.read(16)
+                length = int.from_bytes(head[8:], "little")
+                if head[:2] != b"\0\0":
+                    longest = max(longest, length)
+                    length = 16 + -(-length // 8) * 8
+                if length < 8 or at + length > size or entries > MOST_HEAP_ENTRIES:
+                    return -1
+                at += length
+        return longest
 
 
 def tree_of(
     file: Any,
-    source: Source,
+    texts: Texts,
     special: Callable[[Any, Path, SourceTree, Walk], bool] | None = None,
 ) -> SourceTree:
     """All arrays, and what the groups say of themselves.
 
     ``special(object, path, tree, walk)``: whether it took the data set or group itself.
     """
-    walk = Walk(Texts(source.stream), special)
+    walk = Walk(texts, special)
     with refusing_hdf5("this HDF5 file cannot be read"):
         walk.is_new(file)
         walk.group(file, (), 0)
@@ -148,7 +195,7 @@ class Walk:
         self._count = 0
 
     def note(self, text: str) -> None:
-        self.tree.notes.append(text)
+        self.tree.note(text)
 
     def group(self, group: Any, path: Path, depth: int) -> None:
         h5py = h5py_of()
@@ -160,6 +207,10 @@ class Walk:
         for name in group:
             self.count()
             inner = (*path, _name(name))
+            if len(inner[-1]) > LONGEST_NAME:
+                raise LimitError(
+                    f"a name has {len(inner[-1])} characters, more than {LONGEST_NAME}"
+                )
             shown = "/" + "/".join(inner)
             link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
@@ -258,11 +309,11 @@ class Walk:
             return None
         shown = "/" + "/".join(path)
         count = prod(shape)
-        fits = self.texts.fit(count) if is_vlen else count * dtype.itemsize <= TEXTS_SIZE
-        if count > MOST_TEXTS or not fits or not self.is_readable(item, shown):
+        fits = self.texts.fit(count, None if is_vlen else dtype.itemsize)
+        if not fits or not self.is_readable(item, shown):
             self.note(f"the texts of {shown} are not read: they are too many or too long")
             return ""
-        return texts_of(item[()])
+        return self.texts.took(texts_of(item[()]))
 
     def is_readable(self, item: Any, shown: str) -> bool:
         """Whether reading takes no more memory than the data set declares; a note where not."""
@@ -285,11 +336,19 @@ class Walk:
                     continue
                 if dtype.kind == "O":
                     is_text = h5py.check_string_dtype(dtype) is not None
-                    if not is_text or not self.texts.fit(prod(shape)):
+                    if not is_text:
+                        continue
+                    if not self.texts.fit(prod(shape)):
+                        self.note(
+                            f"attribute {name!r} of /{'/'.join(path)} is not read: its texts are "
+                            "damaged or too long"
+                        )
                         continue
                 elif dtype.kind not in "biufS" or dtype.itemsize > LONGEST_TEXT:
                     continue
                 value = plain_of(item.attrs[name])
+                if dtype.kind == "O":
+                    self.texts.took(value)
             except (OSError, TypeError, ValueError, KeyError, RuntimeError, UnicodeError):
                 self.note(f"attribute {name!r} of /{'/'.join(path)} cannot be read")
                 continue

@@ -51,7 +51,7 @@ from ..recording import (
     unique,
 )
 from .common import not_carried, rate_from
-from .formats import Destination, ReadOptions, Source, WriteOptions
+from .formats import Destination, ReadOptions, WriteOptions
 from .hdf5_files import Texts, Walk, h5py_of, reader, refusal_of, refusing_hdf5, texts_of
 from .stored import (
     CARRIED,
@@ -81,12 +81,12 @@ MOST_ROWS = 1 << 20
 """Rows of the columns of events and clocks."""
 
 
-def is_ours(file: Any) -> bool:
+def is_ours(file: Any, texts: Texts) -> bool:
     if "format" not in file.attrs:
         return False
     low = file.attrs.get_id("format")
     h5py = h5py_of()
-    is_text = low.dtype.kind == "S" or h5py.check_string_dtype(low.dtype) is not None
+    is_text = h5py.check_string_dtype(low.dtype) is not None and texts.fit(1)
     return is_text and low.shape == () and texts_of(file.attrs["format"]) == FORMAT
 
 
@@ -279,12 +279,12 @@ def _write_columns(group: Any, columns: Mapping[str, Any]) -> None:
             group.create_dataset(name, data=np.asarray(values), **kept)
 
 
-def read_ours(file: Any, source: Source, options: ReadOptions) -> Import:
+def read_ours(file: Any, texts: Texts, options: ReadOptions) -> Import:
     """A recording that :func:`write_ours` wrote."""
     for name in ("transpose", "clock", "episode"):
         if getattr(options, name) is not None:
             raise ParameterError(f"{name} is not for a recording that hapfmt wrote")
-    walk = Walk(Texts(source.stream))
+    walk = Walk(texts)
     about = walk.attributes(file, ())
     if about.get("version") != 1:
         raise ParameterError(
@@ -301,7 +301,7 @@ def read_ours(file: Any, source: Source, options: ReadOptions) -> Import:
         whole,
         epoch_ns=about.get("epoch_ns"),
         epoch_uncertainty_ns=about.get("epoch_uncertainty_ns", 0),
-        metadata=_metadata(file),
+        metadata=_metadata(file, walk),
         attachments=_attachments(file, walk, budget),
         notes=tuple(notes),
     )
@@ -493,12 +493,14 @@ def _attachments(file: Any, walk: Walk, budget: list[int]) -> dict[str, tuple[st
     return found
 
 
-def _metadata(file: Any) -> dict[str, Any]:
+def _metadata(file: Any, walk: Walk) -> dict[str, Any]:
     if "metadata" not in file:
         return {}
     data = _held(file, "metadata", h5py_of().Dataset)
     if data.shape != () or h5py_of().check_string_dtype(data.dtype) is None:
         raise ParameterError("/metadata is not one text")
+    if (reason := refusal_of(data)) is not None or walk.texts.longest < 0:
+        raise ParameterError(f"/metadata cannot be read: {reason}")
     found = json.loads(texts_of(data[()]))
     if not isinstance(found, dict):
         raise ParameterError("/metadata is not a JSON object")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -107,6 +108,13 @@ def _number(column: Sequence[Any]) -> JsonNumber:
     kinds = {type(value) for value in column}
     if kinds == {bool}:
         return JsonNumber(np.dtype(np.uint8))
-    if kinds <= {int, TimeNs} and all(-_LARGEST <= value < _LARGEST for value in column):
-        return JsonNumber(np.dtype(np.int64), is_time=kinds == {TimeNs})
+    whole = [value for value in column if isinstance(value, int)]
+    low, high = min(whole, default=0), max(whole, default=0)
+    if kinds <= {int, TimeNs}:
+        if low >= -_LARGEST and high < _LARGEST:
+            return JsonNumber(np.dtype(np.int64), is_time=kinds == {TimeNs})
+        if low >= 0 and high < 2 * _LARGEST:
+            return JsonNumber(np.dtype(np.uint64))
+    if max(-low, high) > sys.float_info.max:
+        raise ParameterError("a number of JSON is larger than any double")
     return JsonNumber(np.dtype(np.float64))

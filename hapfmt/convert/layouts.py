@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import isfinite, lcm, prod
@@ -68,6 +68,9 @@ TIMES = re.compile(rf"(?:t|ts|times?|time_?stamps?|stamps?)(?:_?(?P<unit>{_UNIT_
 WIDEST = 4096
 """Numbers in a row; more are images or the like."""
 MOST_EVENTS = 100_000
+MOST_NOTES = 1000
+LONGEST_NAME = 512
+"""Bytes of the name of a group, a data set or a variable."""
 BLOCK_SIZE = 4 << 20
 """Bytes of a block, unless a chunk of the file is larger."""
 FEWEST_ROWS = 1024
@@ -93,7 +96,7 @@ class SourceArray:
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     read: Callable[[int, int, int], NDArray[Any]]
-    attributes: Mapping[str, Any] = field(default_factory=dict)
+    attributes: dict[str, Any] = field(default_factory=dict)
     rows: tuple[int, ...] = ()
     label: str = ""
 
@@ -138,6 +141,14 @@ class SourceTree:
     arrays: list[SourceArray] = field(default_factory=list)
     groups: dict[Path, dict[str, Any]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    _folded: dict[Path, dict[str, Any]] = field(default_factory=dict, init=False, repr=False)
+
+    def note(self, text: str) -> None:
+        """Add a note, up to a number that a person would read."""
+        if len(self.notes) < MOST_NOTES:
+            self.notes.append(text)
+        elif len(self.notes) == MOST_NOTES:
+            self.notes.append("more is not read; the notes name the first of it")
 
     def known(
         self, path: Path, names: Sequence[str], *, inherited: bool = True, top: int = 0
@@ -145,9 +156,12 @@ class SourceTree:
         """The attribute of a group, or of the nearest one above it; None where none has it.
         ``top``: depth of the highest group that counts."""
         for depth in range(len(path), (top if inherited else len(path)) - 1, -1):
-            found = named(self.groups.get(path[:depth], {}), names)
-            if found is not None:
-                return found
+            group = path[:depth]
+            if group not in self._folded:
+                self._folded[group] = _folded(self.groups.get(group, {}))
+            for name in names:
+                if name in self._folded[group]:
+                    return self._folded[group][name]
         return None
 
     def array(self, name: str) -> SourceArray:
@@ -185,13 +199,17 @@ class PlannedTable(NamedTuple):
         return array.shape[axis]
 
 
-def named(attributes: Mapping[str, Any], names: Sequence[str]) -> Any:
+def _folded(attributes: dict[str, Any]) -> dict[str, Any]:
+    """With names in lower case; of equal ones the first."""
+    return {
+        key.casefold(): value for key, value in reversed(attributes.items()) if value is not None
+    }
+
+
+def named(attributes: dict[str, Any], names: Sequence[str]) -> Any:
     """The first attribute that has one of the names, in upper or lower case."""
-    for name in names:
-        for key, value in attributes.items():
-            if key.casefold() == name and value is not None:
-                return value
-    return None
+    found = _folded(attributes)
+    return next((found[name] for name in names if name in found), None)
 
 
 def import_of_tree(tree: SourceTree, options: ReadOptions) -> Import:
@@ -240,18 +258,21 @@ def _episode(tree: SourceTree, options: ReadOptions) -> SourceTree:
 def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
     notes, sized = tree.notes, []
     clocks: list[SourceArray] = []
+    paths = {array.path for array in tree.arrays}
     for array in (part for whole in tree.arrays for part in _split(whole, tree)):
         if (
             array.is_line
             and array.size > 1
             and array.dtype.kind in "iuf"
-            and _is_times(array, tree)
+            and _is_times(array, paths)
         ):
             clocks.append(array)
         elif array.size > 1:
             sized.append(array)
     if options.clock is not None and not any(_is_called(one, options.clock) for one in clocks):
         raise ParameterError(unknown("time array", options.clock, [one.name for one in clocks]))
+    known = [one for one in clocks if options.clock is None or _is_called(one, options.clock)]
+    times_of = _Clocks(known).of
     wanted = _selected(sized, options.select)
     first_axis = options.transpose is None and _rows_first(tree)
     found: dict[tuple[Any, ...], PlannedTable] = {}
@@ -266,7 +287,7 @@ def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
                 else f"{array.name} ({_shape(array)}) is not read: {reason}"
             )
             continue
-        times = _times_of(array, clocks, options.clock)
+        times = times_of(array)
         # A rate above the group of the times is that of other arrays.
         rate = _stated_rate(array, tree, 0 if times is None else len(times.path) - 1)
         if times is None and rate is None and options.rate is None:
@@ -298,11 +319,11 @@ def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
         raise ParameterError(_nothing(sized, timeless, notes))
     if timeless:
         notes.append(
-            f"no times and no rate are known for {_listed(timeless)}; rate= gives one, map= says "
-            "more"
+            f"no times and no rate are known for {_listed(timeless)}; give a rate (rate=), or a "
+            "map (map=)"
         )
     if others := [one for one in clocks if one.name not in used]:
-        notes.append(f"the times {_listed(others)} are not used; clock= chooses times")
+        notes.append(f"the times {_listed(others)} are not used; choose times (clock=)")
     return tables
 
 
@@ -362,8 +383,8 @@ def _nothing(
     if timeless:
         wide = "" if all(each.is_line for each in timeless) else ", or which column is time"
         return (
-            f"no times and no rate are known for {_listed(timeless)}; give rate=, or a map that "
-            f"says where the times are{wide} (map=)"
+            f"no times and no rate are known for {_listed(timeless)}; give a rate (rate=), or a "
+            f"map that says where the times are{wide} (map=)"
         )
     if notes:
         return f"the file holds nothing that is read as a channel: {'; '.join(notes[:_SHOWN])}"
@@ -436,7 +457,7 @@ def _unread(array: SourceArray) -> str | None:
     return None
 
 
-def _is_times(array: SourceArray, tree: SourceTree) -> bool:
+def _is_times(array: SourceArray, paths: set[Path]) -> bool:
     name = array.path[-1]
     if TIMES.fullmatch(name) is not None:
         return True
@@ -445,9 +466,8 @@ def _is_times(array: SourceArray, tree: SourceTree) -> bool:
         _text(named(array.attributes, UNITS)),
     ):
         return True
-    return _stem(name) is not None and any(
-        other.path == (*array.path[:-1], _stem(name)) for other in tree.arrays
-    )
+    stem = _stem(name)
+    return stem is not None and (*array.path[:-1], stem) in paths
 
 
 def _stem(name: str) -> str | None:
@@ -465,25 +485,30 @@ def _stem(name: str) -> str | None:
     return tail if tail and TIMES.fullmatch(head) else None
 
 
-def _times_of(
-    array: SourceArray, clocks: Sequence[SourceArray], clock: str | None
-) -> SourceArray | None:
-    """The times of an array: its own, then those of the nearest group, with as many rows."""
-    fitting = [
-        one
-        for one in clocks
-        if one.path[:-1] == array.path[: len(one.path) - 1] and one.size in array.shape
-    ]
-    if clock is not None:
-        fitting = [one for one in fitting if _is_called(one, clock)]
+class _Clocks:
+    """Arrays of times, found by where they are and how long they are."""
 
-    def order(one: SourceArray) -> tuple[bool, int, bool]:
-        own = _stem(one.path[-1]) == array.path[-1] and one.path[:-1] == array.path[:-1]
-        other = _stem(one.path[-1]) is not None and TIMES.fullmatch(one.path[-1]) is None
-        return (not own, -len(one.path), other)
+    def __init__(self, arrays: Sequence[SourceArray]) -> None:
+        self._own: dict[tuple[Path, str], list[SourceArray]] = {}
+        self._common: dict[tuple[Path, int], SourceArray] = {}
+        for one in arrays:
+            group, stem = one.path[:-1], _stem(one.path[-1])
+            if stem is not None:
+                self._own.setdefault((group, stem), []).append(one)
+            if stem is None or TIMES.fullmatch(one.path[-1]) is not None:
+                self._common.setdefault((group, one.size), one)
 
-    fitting = [one for one in fitting if not order(one)[0] or not order(one)[2]]
-    return min(fitting, key=order, default=None)
+    def of(self, array: SourceArray) -> SourceArray | None:
+        """The times of an array: its own, then those of the nearest group, with as many rows."""
+        for one in self._own.get((array.path[:-1], array.path[-1]), []):
+            if one.size in array.shape:
+                return one
+        for depth in range(len(array.path), -1, -1):
+            for size in array.shape:
+                found = self._common.get((array.path[:depth], size))
+                if found is not None:
+                    return found
+        return None
 
 
 def _stated_rate(array: SourceArray, tree: SourceTree, top: int) -> Fraction | None:
@@ -540,8 +565,8 @@ def _time_axis(
 
 def _square(arrays: Sequence[SourceArray]) -> str:
     return (
-        f"either side of {_listed(arrays)} may be time; transpose=True says that an array is "
-        "[samples, channels], transpose=False [channels, samples]"
+        f"either side of {_listed(arrays)} may be time; say that an array is [samples, channels] "
+        "(transpose=True), or [channels, samples] (transpose=False)"
     )
 
 
@@ -603,7 +628,7 @@ def built(tree: SourceTree, planned: list[PlannedTable], options: ReadOptions) -
                 ImportColumn(f"{stem}.stamp" if stem else "stamp", "ns", dtype=np.dtype(np.int64))
             )
         if grid is None and one.rate is None:
-            raise ParameterError(f"{one.name} has neither times nor a rate; give rate=")
+            raise ParameterError(f"{one.name} has neither times nor a rate; give a rate (rate=)")
         ticks = None if grid is None else grid.ticks
         if ticks is not None and int(ticks[-1]) == ticks.size - 1:
             ticks = None
@@ -706,7 +731,7 @@ def _exponent(times: SourceArray, x: NDArray[Any], notes: list[str]) -> int:
         if _DAYS[0] < start < _DAYS[1] and step < 0.01:
             raise ParameterError(
                 f"{times.name} seems to hold days, as datenum of MATLAB does; store seconds, or "
-                "give rate="
+                "give a rate (rate=)"
             )
         if step < 1 or (x != np.rint(x)).any():
             return 0
@@ -774,7 +799,7 @@ def _events(
     if one.row_count > MOST_EVENTS:
         raise ParameterError(
             f"{one.name} has {one.row_count} rows whose times are not regular, too many for events;"
-            " give rate="
+            " give a rate (rate=)"
         )
     notes.append(f"the times of {one.name} are not regular; its {one.row_count} rows are events")
     layer = one.name.strip("/").replace("/", ".") or columns[0].label

@@ -502,7 +502,8 @@ def _add_texts(
     if edges.size == 1 and not strange:
         metadata[key] = texts[int(codes[0])]
         return
-    for first, stop in zip(edges.tolist(), [*edges[1:].tolist(), codes.size], strict=True):
+    stops = [*edges.tolist(), codes.size][1:]
+    for first, stop in zip(edges.tolist(), stops, strict=True):
         text = texts.get(int(codes[first]))
         if text:
             start = frames.seconds(first)
@@ -545,10 +546,10 @@ def _tables(
 
     def describe(leaf: Leaf, at: int) -> ImportColumn:
         label, unit = split_name(labels[leaf.name][at])
+        unit = next((leaf.metadata[key] for key in ("unit", "units") if key in leaf.metadata), unit)
         code = unit_of(unit, label, notes)
-        return ImportColumn(
-            label, code, group=leaf.column, source_unit=unit if unit not in ("", code) else ""
-        )
+        source = unit if unit not in ("", code) else ""
+        return ImportColumn(label, code, group=leaf.column, source_unit=source)
 
     plain = [leaf for leaf in leaves if window_size(leaf) is None]
     tables: tuple[ImportTable, ...] = ()

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..errors import LimitError, ParameterError
 from ..numbers import counted
 from .formats import Source
-from .layouts import Path, SourceArray, SourceTree
+from .layouts import LONGEST_NAME, Path, SourceArray, SourceTree
 
 HEADER_SIZE = 128
 HEADER = b"MATLAB 5.0 MAT-file, written by hapfmt".ljust(116) + bytes(8) + b"\x00\x01IM"
@@ -228,13 +228,13 @@ class _Scan:
         return Element(kind, at + 8, size, min(at + 8 + padded, end))
 
     def _integers(self, data: Bytes, one: Element, most: int) -> list[int]:
-        if one.kind not in (5, 6) or one.size > 4 * most:
+        if one.kind not in (5, 6) or one.size > 4 * most or one.size % 4:
             raise ParameterError(f"byte {one.start} holds no sizes")
         kind = np.dtype(_NUMBERS[one.kind]).newbyteorder(self._order)
         return [int(x) for x in np.frombuffer(data.at(one.start, one.size), kind)]
 
     def _short_text(self, data: Bytes, one: Element) -> str:
-        if one.kind not in (1, 2, 16) or one.size > LONGEST_TEXT:
+        if one.kind not in (1, 2, 16) or one.size > LONGEST_NAME:
             raise ParameterError(f"byte {one.start} holds no name")
         return data.at(one.start, one.size).partition(b"\0")[0].decode("utf-8", "replace")
 
@@ -279,14 +279,14 @@ class _Scan:
             self._cell(*rest, depth)
         elif kind == _OBJECT:
             of = self._short_text(data, self._element(data, called.after, end))
-            self.tree.notes.append(object_note(name_of(path), of))
+            self.tree.note(object_note(name_of(path), of))
         elif kind == _SPARSE:
-            self.tree.notes.append(
+            self.tree.note(
                 f"{name_of(path)} is a sparse matrix, which is not read; in MATLAB, full makes an "
                 "array of it"
             )
         elif kind == _FUNCTION:
-            self.tree.notes.append(f"{name_of(path)} is a function, which is not read")
+            self.tree.note(f"{name_of(path)} is a function, which is not read")
         else:
             raise ParameterError(f"{name_of(path)} is of the unknown class {kind}")
 
@@ -296,7 +296,7 @@ class _Scan:
             one = self._element(data, at, end)
             texts.append(self._short_text(data, one))
             at = one.after
-        self.tree.notes.append(object_note(name_of(path or (texts[0],)), texts[2]))
+        self.tree.note(object_note(name_of(path or (texts[0],)), texts[2]))
 
     def _numbers(
         self,
@@ -311,7 +311,7 @@ class _Scan:
         if prod(shape) == 0:
             return
         if bits & _COMPLEX:
-            self.tree.notes.append(f"{name_of(path)} is not read: it holds complex numbers")
+            self.tree.note(f"{name_of(path)} is not read: it holds complex numbers")
             return
         one = self._element(data, at, end)
         if one.kind not in _NUMBERS:
@@ -338,7 +338,7 @@ class _Scan:
             one = self._element(data, at, end)
             most = self._our_text if path == OUR_TEXT else LONGEST_TEXT
             if count > most or rows > MOST_TEXTS or one.size > 4 * most:
-                self.tree.notes.append(f"the text {name_of(path)} is too long, and is not read")
+                self.tree.note(f"the text {name_of(path)} is too long, and is not read")
                 return
             text = self._characters(data, one)
             value = text if rows == 1 else [text[row::rows].rstrip() for row in range(rows)]

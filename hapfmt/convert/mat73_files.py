@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..errors import LimitError
 from .formats import Source
-from .hdf5_files import Walk, h5py_of, opened, reader, refusal_of, rows_of, texts_of, tree_of
-from .layouts import Path, SourceArray, SourceTree
+from .hdf5_files import Texts, Walk, h5py_of, opened, reader, refusal_of, rows_of, texts_of, tree_of
+from .layouts import LONGEST_NAME, Path, SourceArray, SourceTree
 from .mat5_files import (
     DEEPEST,
     LONGEST_TEXT,
@@ -30,7 +30,7 @@ _NUMBERS = {
 
 def tree_of_mat73(source: Source) -> SourceTree:
     """All arrays, texts and numbers of a file."""
-    tree = tree_of(opened(source), source, _special)
+    tree = tree_of(opened(source), Texts(source.stream), _special)
     for values in tree.groups.values():
         for key in [key for key in values if key.startswith(("MATLAB_", "H5PATH"))]:
             del values[key]
@@ -44,8 +44,7 @@ def _special(item: Any, path: Path, tree: SourceTree, walk: Walk) -> bool:
     if len(path) > DEEPEST:
         raise LimitError(f"structures lie more than {DEEPEST} deep in one another")
     h5py = h5py_of()
-    kind = item.attrs.get("MATLAB_class")
-    kind = texts_of(kind) if isinstance(kind, (bytes, str)) else None
+    kind = _class_of(item)
     if "MATLAB_empty" in item.attrs:
         return True
     if "MATLAB_sparse" in item.attrs:
@@ -80,6 +79,16 @@ def _special(item: Any, path: Path, tree: SourceTree, walk: Walk) -> bool:
     return False
 
 
+def _class_of(item: Any) -> str | None:
+    """The class that MATLAB states: a text of fixed size."""
+    if "MATLAB_class" not in item.attrs:
+        return None
+    low = item.attrs.get_id("MATLAB_class")
+    if low.dtype.kind != "S" or low.shape != () or low.dtype.itemsize > LONGEST_NAME:
+        return None
+    return str(texts_of(item.attrs["MATLAB_class"]))
+
+
 def _follow(item: Any, walk: Walk, before: Path, after: Path) -> int:
     """Read what the references of a data set lead to; returns their number."""
     count: int = prod(item.shape)
@@ -98,14 +107,15 @@ def _follow(item: Any, walk: Walk, before: Path, after: Path) -> int:
 def _text(item: Any, path: Path, tree: SourceTree, walk: Walk) -> None:
     """A text, or one for each row of a matrix of characters."""
     size = prod(item.shape)
-    if size > LONGEST_TEXT or item.ndim != 2 or item.shape[1] > MOST_TEXTS:
+    is_short = size <= LONGEST_TEXT and walk.texts.fit(1, size * item.dtype.itemsize)
+    if not is_short or item.ndim != 2 or item.shape[1] > MOST_TEXTS:
         walk.note(f"the text {name_of(path)} is too long, and is not read")
     elif walk.is_readable(item, name_of(path)):
         codec = {1: "latin-1", 2: "utf-16-le", 4: "utf-32-le"}[min(item.dtype.itemsize, 4)]
         rows = np.asarray(item[()]).T.astype(f"<u{min(item.dtype.itemsize, 4)}")
         texts = [row.tobytes().decode(codec, "replace") for row in rows]
         value = texts[0] if len(texts) == 1 else [text.rstrip() for text in texts]
-        tree.groups.setdefault(path[:-1], {})[path[-1]] = value
+        tree.groups.setdefault(path[:-1], {})[path[-1]] = walk.texts.took(value)
 
 
 def _numbers(item: Any, path: Path, tree: SourceTree, walk: Walk, *, is_logical: bool) -> None:

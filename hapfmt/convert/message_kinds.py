@@ -135,7 +135,7 @@ def topics_of(recording: Recording, *, standard: bool) -> list[WrittenTopic]:
     for number, channel in enumerate(recording.channels):
         key = (channel.rate_exact, channel.coverage, channel.device)
         groups.setdefault(key, []).append(number)
-    taken = {"/events"}
+    taken = {"/events": 1}
     found = []
     own = 0
     for (rate, spans, device), members in groups.items():
@@ -151,7 +151,8 @@ def topics_of(recording: Recording, *, standard: bool) -> list[WrittenTopic]:
                         tuple(paths), tuple(joints), (), constants,
                     )
                 )  # fmt: skip
-                left = [number for number in left if number not in set(channels)]
+                used = set(channels)
+                left = [number for number in left if number not in used]
         for first in range(0, len(left), _FIELDS):
             some = left[first : first + _FIELDS]
             names = field_names([recording.channels[number].label for number in some])
@@ -225,7 +226,7 @@ def _is_text(name: str) -> bool:
 
 def field_names(labels: Sequence[str]) -> list[str]:
     """Names of fields of ROS: a to z, 0 to 9 and single underscores."""
-    taken = {"header", "timestamp"}
+    taken = {"header": 1, "timestamp": 1}
     found = []
     for number, label in enumerate(labels, start=1):
         short = _name(label)
@@ -239,12 +240,14 @@ def _name(text: str) -> str:
     return _WORDS.sub("_", text.lower()).strip("_")[:60].strip("_")
 
 
-def _unused(name: str, taken: set[str]) -> str:
-    free, count = name, 1
+def _unused(name: str, taken: dict[str, int]) -> str:
+    """The name with a number behind it that makes it one of its own. ``taken``: names, and the
+    last number of each."""
+    free = name
     while free in taken:
-        count += 1
-        free = f"{name}_{count}"
-    taken.add(free)
+        taken[name] += 1
+        free = f"{name}_{taken[name]}"
+    taken[free] = 1
     return free
 
 

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
+from os import SEEK_END
 from pathlib import Path
 from typing import Any
 
 from ..errors import LimitError, ParameterError
-from .arrowtables import arrow, arrow_errors, read_table, tables_of
+from .arrowtables import arrow, arrow_errors, checked_schema, read_table, tables_of
 from .formats import Destination, ReadOptions, Source, WriteOptions
+from .parquet_footer import ColumnChunk, column_chunks
 from .tables import Import
 
 MAGIC = b"PAR1"
+_POINTER = b"version https://git-lfs"
 _COLUMNS = 1 << 16
-_FOOTER_SIZE = 1 << 26
+_FOOTER_SIZE = 1 << 25
 """Bytes of a footer, checked before it is read: 100 000 columns of a row group have about 10 MB."""
 
 
@@ -52,7 +56,7 @@ class ParquetTable:
         check_footer(path)
         with arrow_errors("this is not a Parquet file"):
             self._metadata = parquet.read_metadata(str(path))
-            self.schema: Any = self._open().schema_arrow
+            self.schema: Any = checked_schema(self._open().schema_arrow)
             groups = self._metadata.num_row_groups
             sizes = [self._metadata.row_group(i).num_rows for i in range(groups)]
         if min(sizes, default=0) < 0 or sum(sizes) != self._metadata.num_rows:
@@ -114,12 +118,18 @@ class ParquetTable:
             if path == column or path.startswith(f"{column}."):
                 yield number
 
+    @cached_property
+    def _chunks(self) -> list[list[ColumnChunk]]:
+        found = column_chunks(read_footer(self._path))
+        if [len(group) for group in found] != [self._metadata.num_columns] * len(self._sizes):
+            raise ParameterError("the row groups have other columns than the schema")
+        return found
+
     def _check(self, group: int, columns: Sequence[str]) -> None:
         """LimitError where a page could be larger than the memory allowed."""
-        about = self._metadata.row_group(group)
         for column in columns:
             for number in self._leaves(column):
-                size = about.column(number).total_uncompressed_size
+                size = self._chunks[group][number].size
                 if size > self._max_memory:
                     raise LimitError(
                         f"column {column!r} takes {size} bytes in a row group, more than the "
@@ -130,24 +140,29 @@ class ParquetTable:
         field = self.schema.field(column)
         if not field.nullable and not field.type.num_fields:
             return False
-        with arrow_errors("the statistics of the file"):
-            for group in range(self._metadata.num_row_groups):
-                about = self._metadata.row_group(group)
-                for number in self._leaves(column):
-                    found = about.column(number).statistics
-                    if found is None or not found.has_null_count or found.null_count:
-                        return True
-        return False
+        leaves = list(self._leaves(column))
+        return any(group[number].nulls != 0 for group in self._chunks for number in leaves)
+
+
+def read_footer(path: Path) -> bytes:
+    """The footer of a file that :func:`check_footer` has seen."""
+    with path.open("rb") as stream:
+        stream.seek(-8, SEEK_END)
+        length = int.from_bytes(stream.read(4), "little")
+        stream.seek(-8 - length, SEEK_END)
+        return stream.read(length)
 
 
 def check_footer(path: Path) -> None:
     """The magic at both ends, and the size of the footer."""
     size = path.stat().st_size
     with path.open("rb") as stream:
-        head = stream.read(4)
-        if head == b"PARE":
+        head = stream.read(len(_POINTER))
+        if head == _POINTER:
+            raise ParameterError("this is a pointer of Git LFS; git lfs pull fetches the file")
+        if head[:4] == b"PARE":
             raise ParameterError("the file is encrypted")
-        if size < 12 or head != MAGIC:
+        if size < 12 or head[:4] != MAGIC:
             raise ParameterError("this is not a Parquet file")
         stream.seek(size - 8)
         tail = stream.read(8)

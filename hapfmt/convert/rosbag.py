@@ -30,6 +30,7 @@ except ImportError:
 
 _CHUNK_LIMIT = 1 << 28
 """Bytes of an unpacked chunk; recorders write chunks of about 1 MB."""
+_METADATA_LIMIT = 1 << 22
 _SHOWN = 1 << 12
 """Messages between two calls of the progress."""
 
@@ -49,11 +50,17 @@ def _read_folder(source: Source, options: ReadOptions) -> Import:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
-    with refusing("metadata.yaml", YAMLError, RuntimeError):
-        text = (source.path / "metadata.yaml").read_text("utf-8")
-        about = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
-        kind, mode = str(about["storage_identifier"]), str(about.get("compression_mode") or "")
-        names = [str(name).rpartition("/")[2] for name in about["relative_file_paths"]]
+    path = source.path / "metadata.yaml"
+    if path.stat().st_size > _METADATA_LIMIT:
+        raise LimitError(f"metadata.yaml is longer than {_METADATA_LIMIT} bytes")
+    with refusing("metadata.yaml", YAMLError, RuntimeError, AttributeError):
+        about = YAML(typ="safe").load(path.read_text("utf-8"))["rosbag2_bagfile_information"]
+        kind, mode = about["storage_identifier"], about.get("compression_mode") or ""
+        names = list(about["relative_file_paths"])
+        # A text of anything else may be exponentially long, since parts of YAML can be repeated.
+        if not all(isinstance(each, str) for each in (kind, mode, *names)):
+            raise ValueError("the kind of storage, or a name of a file, is not a text")
+    names = [name.rpartition("/")[2] for name in names]
     if mode.lower() not in ("", "none"):
         raise ParameterError(
             f"the bag is compressed by {mode.lower()}; write it again without compression "
@@ -111,7 +118,7 @@ def _refused() -> Iterator[None]:
     with refusing(
         "the bag is damaged or not supported",
         rosbag1.ReaderError, Reader2Error, TypesysError, struct.error, AssertionError,
-        RuntimeError, apsw.Error,
+        RuntimeError, AttributeError, apsw.Error,
     ):  # fmt: skip
         yield
 
@@ -136,7 +143,8 @@ class _BagFile:
         self.counts_all = False
         self.count = 0
         with self.opened():
-            self.count = sum(one.msgcount for one in reader.connections)
+            with _refused():
+                self.count = sum(one.msgcount for one in reader.connections)
             self._find_topics(list(reader.connections))
 
     @contextmanager

@@ -30,7 +30,7 @@ from ..recording import Calibration
 from .common import choose_rate, refusing, selected, unit_of
 from .formats import ReadOptions, Source
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
-from .timestamps import observations, place
+from .timestamps import Placed, observations, place, stamp_channel
 
 _NS = 10**9
 _EPOCH_S = 2_082_844_800
@@ -67,6 +67,8 @@ class TdmsChannel:
     rate: Fraction | None = None
     start_ns: int | None = None
     ticks: NDArray[np.int64] | None = None
+    stamps: tuple[Placed, NDArray[np.int64]] | None = None
+    """The time stamps of the group, in the first channel that takes them."""
 
 
 def read(source: Source, options: ReadOptions) -> Import:
@@ -107,9 +109,16 @@ def read(source: Source, options: ReadOptions) -> Import:
     ]
     clocks = [replace(c, tick=c.tick + tables[number].start_tick) for number, c in seen]
     clocks += _starts(found, tables)
+    kept = []
+    for channel, table in zip(found, tuple(tables), strict=True):
+        if channel.stamps is not None and options.keep_stamps:
+            kept.append(stamp_channel(*channel.stamps, zero or 0, table.start_tick))
+            name = f"{channel.group}.stamp"
+            column = ImportColumn(name, "ns", group=channel.group, dtype=kept[-1].dtype)
+            tables.append(replace(table, name=name, columns=(column,), kind="TimeStamp"))
     return Import(
         tuple(tables),
-        partial(_blocks, reader, found),
+        partial(_blocks, reader, found, kept),
         zero,
         metadata=_kept(properties, notes),
         notes=tuple(notes),
@@ -384,6 +393,7 @@ def _placed(
             found[number].rate, found[number].start_ns = placed.rate, placed.start_ns
             found[number].ticks = None if plain else placed.ticks
         first = numbers[0]
+        found[first].stamps = placed, stamps
         clocks += [
             (first, ClockObservation(*seen))
             for seen in observations(placed, stamps, name, 0, first)
@@ -463,7 +473,9 @@ def _raw_chunks(reader: Any) -> Iterator[tuple[str, Any]]:
         yield from chunk.channel_data.items()
 
 
-def _blocks(reader: Any, channels: Sequence[TdmsChannel]) -> Iterator[ImportBlock]:
+def _blocks(
+    reader: Any, channels: Sequence[TdmsChannel], kept: Sequence[NDArray[np.int64]]
+) -> Iterator[ImportBlock]:
     numbers = {channel.path: number for number, channel in enumerate(channels)}
     done = [0] * len(channels)
     for path, raw in _raw_chunks(reader):
@@ -478,6 +490,9 @@ def _blocks(reader: Any, channels: Sequence[TdmsChannel]) -> Iterator[ImportBloc
                 raise ParameterError("the rows of the file changed while it was read")
             yield ImportBlock(number, done[number], [x])
             done[number] += len(x)
+    for number, stamps in enumerate(kept, start=len(channels)):
+        for first in range(0, len(stamps), _ROWS):
+            yield ImportBlock(number, first, [stamps[first : first + _ROWS]])
 
 
 @dataclass

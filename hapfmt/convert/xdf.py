@@ -49,8 +49,9 @@ _EARLY_S = 3600
 """An event may come so much before the first sample."""
 _SET_BACK_S = 1.0
 """A clock was set back where its stamps go back by more."""
-_NEAR_NOMINAL = 0.01
-"""The rate by the stamps counts, if it is that near to the nominal one."""
+_NEAR_NOMINAL, _CLEAR = 0.01, 0.15
+"""The rate by the stamps counts, if it is that near to the nominal one, or if the steps of the
+stamps are so near to whole ticks of it."""
 _RECORDER = "lsl"
 """Name of the clock of the recording computer."""
 
@@ -447,9 +448,18 @@ def _placed(stream: XdfStream, stamps: NDArray[np.int64], options: ReadOptions) 
         found = None
     if stream.rate is None:
         return found
-    if found is None or abs(found.rate / stream.rate - 1) > _NEAR_NOMINAL:
-        found = place(stamps, name=name, rate=stream.rate)
-    return found
+    if found is not None and abs(found.rate / stream.rate - 1) <= _NEAR_NOMINAL:
+        return found
+    if found is not None and _jitter(stamps, found) < _CLEAR:
+        note = f"{name}: the nominal rate is {stream.rate} Hz, the stamps come at {found.rate} Hz"
+        return found._replace(notes=(note, *found.notes))
+    return place(stamps, name=name, rate=stream.rate)
+
+
+def _jitter(stamps: NDArray[np.int64], placed: Placed) -> float:
+    """How far neighbours are moved from their distance in ticks, median."""
+    ticks = np.diff(stamps - stamps[0]) * (float(placed.rate) / _NS)
+    return float(np.median(np.abs(ticks - np.diff(placed.ticks)))) if ticks.size else 0.0
 
 
 def _shift(stream: XdfStream, rows: tuple[int, int]) -> int:

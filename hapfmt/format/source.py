@@ -226,7 +226,7 @@ class StreamRanges:
         self.stream: BinaryIO | None = None
         self.version: tuple[str, ...] = ()
         self.size = -1
-        self.conditional = "s3" in files.protocol
+        self.conditional = "s3" in protocols_of(files)
         """Whether each request itself names the version that it wants."""
 
     def look(self) -> tuple[int, tuple[str, ...]]:
@@ -320,9 +320,13 @@ def files_of(url: str) -> tuple[Any, str]:
     return files, path
 
 
+def protocols_of(files: Any) -> tuple[str, ...]:
+    return (files.protocol,) if isinstance(files.protocol, str) else tuple(files.protocol)
+
+
 def open_ranges(url: str, path: str | None) -> HttpRanges | StreamRanges:
     files, name = files_of(url)
-    kind = HttpRanges if "http" in files.protocol else StreamRanges
+    kind = HttpRanges if "http" in protocols_of(files) else StreamRanges
     return kind(files, name, path)
 
 

@@ -1,4 +1,4 @@
-"""The first and the last tick of each rate of a file, by reading few of its tables.
+"""Files that are read part by part: their version, their first and last ticks, and any part.
 
 An index knows the times of clusters to the millisecond (SPEC 6.5). The tables of the first and the
 last clusters tell the ticks.
@@ -6,21 +6,82 @@ last clusters tell the ticks.
 
 from __future__ import annotations
 
+import copy
+import errno
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from itertools import accumulate
+from typing import Any
 
 from ..errors import FormatError
 from ..format.cluster import HEAD_ROOM, TableRow, parse_table, parse_table_head
+from ..format.track import unsupported_track
 from ..format.walk import header_at
 from ..format.wire import HEADER_SIZE
 from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef, TrackPair
-from ..reading.decoder import intersect
+from ..reading.decoder import Assembly, Decoded, intersect
 from ..reading.packets import ROW_SIZE, tick_after
-from ..recording import Span, append_span
+from ..reading.reader import Reader
+from ..recording import Channel, Span, append_span
 
 CHUNK_TICKS = 1 << 20
 """Ticks of a chunk for Dask, 8 MiB: as many whole clusters as have this many."""
+
+
+class PartReader(Reader):
+    """One that is asked for many parts."""
+
+    _known: tuple[Catalogue, dict[int, ChannelRef]] | None = None
+
+    def by_number(self) -> dict[int, ChannelRef]:
+        if self._known is None or self._known[0] is not self.catalogue:
+            self._known = self.catalogue, {ref.number: ref for ref in self.channels}
+        return self._known[1]
+
+
+def open_reader(path: str, mode: str = "r") -> PartReader:  # noqa: ARG001
+    """xarray gives a mode, where it opens the file again in another process too."""
+    return PartReader(path, strict=True)
+
+
+def version_of(reader: Reader) -> tuple[Any, ...]:
+    """What differs where a path leads to another file."""
+    source, head = reader.source, reader.catalogue.head
+    version = getattr(source, "version", None)
+    return source.size, version, reader.catalogue.file_id, head.uuid if head else None
+
+
+def unchanged(reader: PartReader, version: tuple[Any, ...]) -> PartReader:
+    if version_of(reader) != version:
+        raise OSError(
+            errno.ESTALE, "the file changed after it was opened; open it again", reader.source.path
+        )
+    return reader
+
+
+def described(ref: ChannelRef) -> Channel:
+    """The channel without its samples."""
+    return Assembly({track.id: Decoded(track) for track in ref.tracks}, "full").channel(ref)
+
+
+def check_channels(reader: Reader, refs: Sequence[ChannelRef]) -> None:
+    """Raise what reading these channels would raise for their descriptions."""
+    reader.refuse_unknown()
+    for ref in refs:
+        for track in ref.tracks:
+            if track.unsupported:
+                raise unsupported_track(track, reader.source.path)
+    reader.lost_parts(refs, "full")
+
+
+def read_ticks(reader: Reader, refs: Sequence[ChannelRef], first: int, last: int) -> list[Channel]:
+    """The samples of channels of one rate at the ticks [first, last)."""
+    # A copy has its own list of losses, so that threads share no state that changes.
+    reader = copy.copy(reader)
+    rate = refs[0].track.rate
+    parts = reader.assembly(refs, first / rate, last / rate)
+    reader.refuse_damage()
+    return [parts.channel(ref) for ref in refs]
 
 
 FAR_NS = 1 << 64
