@@ -369,7 +369,7 @@ class TestElsewhere:
         with (
             serving({"touch.hapf": Path(file).read_bytes()}) as server,
             distributed.Client(
-                processes=True, n_workers=1, threads_per_worker=2, dashboard_address=None
+                processes=True, n_workers=1, threads_per_worker=2, dashboard_address=":0"
             ),
         ):
             for path in (file, server.url("touch.hapf")):

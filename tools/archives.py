@@ -1,4 +1,4 @@
-"""How fast an archive is checked: `hapfmt archive verify` beside `flac -t` and `sha256sum`.
+"""How fast an archive is checked: `hapfmt archive verify`, `flac -t` and `sha256sum`.
 
     .venv/bin/python tools/archives.py [--files 1000] [--megabytes 5000] [--jobs 1,2] [--folder F]
 
@@ -7,7 +7,7 @@ Makes FILES recordings of simulated scenes, MEGABYTES of float64 in all, as .hap
 on files that were read before, so the disk does not count. The tool ends with exit code 1 unless
 exactly the three files are reported.
 
-Of the recordings, 20 are different; the others are copies of them in files of their own. FLAC has
+20 of the recordings are different; the others are copies of them in files of their own. FLAC has
 at most 8 channels a file, so a recording takes several. Without the program flac, its library
 decodes them (soundfile).
 """

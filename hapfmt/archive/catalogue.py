@@ -18,9 +18,9 @@ from typing import Any
 from ..errors import VERDICTS, MissingExtraError, ParameterError, unknown
 from ..limits import Limits
 from .jobs import FileOutcome, Job
-from .places import Place
+from .places import CATALOGUE, Place
 
-NAME = "catalogue.parquet"
+NAME = CATALOGUE
 COLUMNS = {
     "file": "String",
     "channel": "Int32",

@@ -22,6 +22,8 @@ from ..errors import HapfmtError, ParameterError
 from ..format.source import is_url, network, shown
 
 FILE_URL = "file://"
+CATALOGUE = "catalogue.parquet"
+"""Name of a catalogue in its folder; it is not a recording."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,14 @@ def find_places(sources: Iterable[str], wanted: Wanted) -> list[Place]:
     return sorted(found.values(), key=lambda place: (place.name, place.location))
 
 
+def outside(places: Iterable[Place], sources: Iterable[str], target: Path) -> list[Place]:
+    """Without the outputs of earlier runs, where the target folder lies within a source."""
+    root = target.resolve()
+    if any(not is_url(each) and Path(each).resolve() == root for each in map(local_path, sources)):
+        return list(places)  # outputs get their place next to the inputs
+    return [each for each in places if each.is_url or root not in Path(each.location).parents]
+
+
 def suffix_of(name: str) -> str:
     return PurePosixPath(name).suffix.lower()
 
@@ -110,7 +120,7 @@ def matches(pattern: str, wanted: Wanted) -> Iterator[Place]:
         below = path.relative_to(root).as_posix()
         if path.is_dir():
             yield from () if path.is_symlink() else folder_places(path, f"{below}/", wanted)
-        elif chosen or wanted(suffix_of(name)):
+        elif chosen or (wanted(suffix_of(name)) and path.name != CATALOGUE):
             yield place_of(path, below)
 
 
@@ -128,7 +138,7 @@ def folder_places(folder: Path, prefix: str, wanted: Wanted) -> Iterator[Place]:
             continue
         for entry in entries:
             name = before + entry.name
-            if entry.name.startswith("."):
+            if entry.name.startswith(".") or entry.name == CATALOGUE:
                 continue
             if entry.is_dir(follow_symlinks=False):
                 inner = Path(entry.path)
@@ -197,7 +207,7 @@ def remote_places(url: str, wanted: Wanted) -> Iterator[Place]:
         return
     chosen = len(listed) == 1 and listed[0][0] == PurePosixPath(urlsplit(url).path).name
     for name, location, info in listed:
-        if chosen or wanted(suffix_of(name)):
+        if chosen or (wanted(suffix_of(name)) and PurePosixPath(name).name != CATALOGUE):
             size = int(info.get("size") or 0)
             yield Place(name, location, size, f"{size} {stamp_of(info)}")
 

@@ -131,7 +131,7 @@ def encode_all(
         lambda place, output, staging: Job(
             "encode", place, output, staging, options, max_memory, force
         ),
-        places, target, HAPF, "encoding", jobs, dask, log, as_json,
+        places, sources, target, HAPF, "encoding", jobs, dask, log, as_json,
     )  # fmt: skip
 
 
@@ -197,7 +197,7 @@ def convert_all(
         lambda place, output, staging: Job(
             "convert", place, output, staging, options, max_memory, force
         ),
-        places, target, suffix, "converting", jobs, dask, log, as_json,
+        places, sources, target, suffix, "converting", jobs, dask, log, as_json,
     )  # fmt: skip
 
 
@@ -232,13 +232,14 @@ def recover_all(
         lambda place, output, staging: Job(
             "recover", place, output, staging, {}, max_memory, force
         ),
-        places, target, HAPF, "recovering", jobs, dask, log, as_json,
+        places, sources, target, HAPF, "recovering", jobs, dask, log, as_json,
     )  # fmt: skip
 
 
 def write_all(
     job_of: Any,
     places: Sequence[Place],
+    sources: Sequence[str],
     target: str,
     suffix: str,
     title: str,
@@ -250,7 +251,7 @@ def write_all(
     """Runs the jobs that write a file each."""
     from dataclasses import replace
 
-    from ..archive.places import local_path
+    from ..archive.places import local_path, outside
     from ..archive.runs import (
         FOLDER,
         LOG,
@@ -277,6 +278,7 @@ def write_all(
             raise ParameterError(f"{target} is a file; TARGET is a folder")
         Path(target).mkdir(parents=True, exist_ok=True)
         target = str(Path(target).resolve())
+        places = outside(places, sources, Path(target))
         staging, own = str(Path(target) / FOLDER / STAGING), Path(target) / FOLDER / LOG
     places = nothing_found(places)
     targets, shared = targets_of(places, target, suffix)
