@@ -30,9 +30,14 @@ xr = pytest.importorskip("xarray", reason="needs the extra 'xarray'")
 pd = pytest.importorskip("pandas")
 datasets = pytest.importorskip("hapfmt.datasets")
 
-VALID = sorted((ROOT / "conformance" / "vectors" / "valid").glob("*.hapf"))
-BANDS = [path for path in VALID if path.stem.startswith("bands-")]
-INVALID = sorted((ROOT / "conformance" / "vectors" / "invalid").glob("*.hapf"))
+VECTORS = ROOT / "conformance" / "vectors"
+VALID = [
+    *sorted((VECTORS / "valid").glob("*.hapf")),
+    *sorted((VECTORS / "uncommon").glob("*.hapf")),
+    VECTORS / "limits" / "tick-2-to-48-of-years.hapf",
+]
+ALWAYS = [path for path in VALID if path.stem.startswith(("bands-", "last-tick", "tick-2-to-48"))]
+INVALID = sorted((VECTORS / "invalid").glob("*.hapf"))
 
 
 def two_rates() -> Recording:
@@ -454,7 +459,7 @@ class TestDask:
 class TestUntrusted:
     """Any bytes give a dataset or one of our errors."""
 
-    @pytest.mark.parametrize("path", sample(VALID, always=BANDS), ids=lambda path: path.stem)
+    @pytest.mark.parametrize("path", sample(VALID, always=ALWAYS), ids=lambda path: path.stem)
     def test_valid_files(self, path):
         was = hapfmt.read(path)
         with xr.open_dataset(path) as data:
