@@ -108,6 +108,7 @@ def run(*arguments: str, without: str = "") -> str:
     return done.stdout
 
 
+@pytest.mark.deep
 def test_runs_with_what_is_installed(tmp_path):
     path = tmp_path / "out.csv"
     told = run("--task", "deadband,lossless,doubles", "--k", "0.1", "--repeats", "2",

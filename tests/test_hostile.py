@@ -90,14 +90,15 @@ FITS = ("packets", "bad packets", "index", "chunks in", "chunks of", "attach", "
 TOO_MUCH = {name for name in NAMES if not name.startswith(FITS)}
 """What a memory of 256 MiB has no room for."""
 
-QUARTER = {
+PART = 8
+SHORTENED = {
     "packets",
     "bad packets",
     "chunks in an index",
     "chunks of one number",
     "attachments of nothing",
 }
-"""What grows with the number of chunks or packets alone: in the profile ci a quarter of them, and of the memory."""
+"""What grows with the number of chunks or packets alone: in the profile ci 1/PART of them, and of the memory."""
 
 GROUPS = [NAMES[i::4] for i in range(4)]
 NIGHTLY = PROFILE == "nightly"
@@ -117,13 +118,13 @@ def test_memory_is_kept(whole, group, tmp_path):
         pytest.skip("what just fits, and the readable loops, are measured in the profile nightly")
     size = hostile.WHOLE if whole else hostile.fitting(CAP)
     names = [name for name in GROUPS[group] if whole or name not in ("packets", "nested headers")]
-    quarter = [name for name in names if name in QUARTER and not NIGHTLY]
-    told = results(tmp_path, size, [name for name in names if name not in quarter])
-    if quarter:
-        told |= results(tmp_path, size._replace(chunks=size.chunks // 4), quarter)
+    shortened = [name for name in names if name in SHORTENED and not NIGHTLY]
+    told = results(tmp_path, size, [name for name in names if name not in shortened])
+    if shortened:
+        told |= results(tmp_path, size._replace(chunks=size.chunks // PART), shortened)
     for name, found in told.items():
         peak = found.pop("peak")
-        assert peak <= (CAP // 4 if name in quarter else CAP), (name, peak >> 20)
+        assert peak <= (CAP // PART if name in shortened else CAP), (name, peak >> 20)
         assert set(found.values()) <= {0, 2, 3, 4}, (name, found)
         if whole and name in TOO_MUCH:
             assert found["verify"] == 4, name

@@ -73,6 +73,7 @@ def test_every_change(mutants):
     assert [f"{one.line} {one.change}" for one in found] == CHANGES.strip().split("\n")
 
 
+@pytest.mark.deep
 def test_every_mutant_is_another_program(mutants):
     path = ROOT / "hapfmt" / "replay" / "schedule.py"
     source = path.read_text("utf-8")

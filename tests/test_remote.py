@@ -200,6 +200,16 @@ class TestChanged:
             with pytest.raises(OSError, match="changed while it was read"):
                 reader.read("taxel 3", start=90, stop=91)
 
+    def test_a_copy_stays_what_it_was(self, wide):
+        """simplecache:: fetches the whole file when it is opened, and nothing after that."""
+        with serving({"a.hapf": wide}) as server:
+            with Reader("simplecache::" + server.url("a.hapf")) as reader:
+                requests = len(server.asked)
+                server.files["a.hapf"] = wide[:-1000]
+                found = reader.read("taxel 3", start=90, stop=91)
+            assert len(server.asked) == requests
+        assert same(found, Reader(wide).read("taxel 3", start=90, stop=91))
+
     def test_between_two_openings(self):
         """Workers open a file again: it has to be the same one."""
         xarray = pytest.importorskip("xarray", reason="needs the extra 'xarray'")

@@ -42,6 +42,7 @@ def sand() -> Source:
 
 
 class TestSection:
+    @pytest.mark.deep
     def test_has_every_table_and_figure(self, short):
         assert [table.title.partition(":")[0] for table in short.tables] == [
             "The paper's own figures, in both readings of b", "Both readings of b at k = 10 %",

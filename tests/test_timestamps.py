@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -133,7 +134,7 @@ def is_on_the_page(lines: list[str]) -> bool:
 
 
 def test_the_table_of_wrong_ticks():
-    assert is_on_the_page([*stamps.lines(stamps.DELAYS[:1])])
+    assert is_on_the_page([*islice(stamps.lines(), 3)])
 
 
 @pytest.mark.deep

@@ -79,7 +79,7 @@ def by_dask(paths: list[str], workers: int, kill: bool = False) -> tuple[Any, fl
 
     with (
         LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0"
         ) as cluster,
         Client(cluster) as client,
     ):

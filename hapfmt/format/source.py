@@ -216,6 +216,10 @@ VERSION_KEYS = ("ETag", "etag", "generation", "LastModified", "last_modified", "
 """What file systems call the version of a file, the most certain first."""
 
 
+SNAPSHOTS = {"s3", "s3a", "simplecache", "filecache"}
+"""s3fs names the version in each request; the two caches read a copy of the whole file."""
+
+
 class StreamRanges:
     """Parts of a file of any other file system, which tells its version before and after."""
 
@@ -226,8 +230,8 @@ class StreamRanges:
         self.stream: BinaryIO | None = None
         self.version: tuple[str, ...] = ()
         self.size = -1
-        self.conditional = "s3" in protocols_of(files)
-        """Whether each request itself names the version that it wants."""
+        self.is_one = bool({*protocols_of(files)} & SNAPSHOTS)
+        """Whether the file system itself gives all parts of one version, or an error."""
 
     def look(self) -> tuple[int, tuple[str, ...]]:
         self.files.invalidate_cache()
@@ -248,7 +252,7 @@ class StreamRanges:
         assert self.stream is not None
         self.stream.seek(start)
         data = self.stream.read(stop - start)
-        if not self.conditional and self.look() != (self.size, self.version):
+        if not self.is_one and self.look() != (self.size, self.version):
             raise changed(self.path)
         return data
 
