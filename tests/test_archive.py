@@ -8,8 +8,10 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -187,16 +189,32 @@ class TestEncode:
             assert done.returncode == 1
             assert done.stderr.startswith(b"hapfmt: ")
 
-    @pytest.mark.skipif(AS_ROOT, reason="root may write and read everything")
     def test_what_may_not_be_read_or_written(self, tmp_path: Path):
-        for name in ("a", "b"):
-            write_npz(tmp_path / "in" / name / "x.npz")
-        (tmp_path / "in" / "a" / "x.npz").chmod(0)
-        (tmp_path / "out" / "b").mkdir(parents=True)
-        (tmp_path / "out" / "b").chmod(0o500)
-        found = report("encode", "in", "out", cwd=tmp_path, code=1)
-        (tmp_path / "out" / "b").chmod(0o700)
-        assert {each["message"] for each in found["files"]} == {"Permission denied"}
+        write_npz(tmp_path / "in" / "a.npz")
+        in_process(tmp_path / "in", tmp_path / "out")  # imports, for which rights are needed too
+        with tempfile.TemporaryDirectory() as name, without_rights() as give_up:
+            room = Path(name)
+            for folder in ("a", "b", "c", "d"):
+                write_npz(room / "in" / folder / "x.npz")
+            out = room / "out"
+            (out / "b").mkdir(parents=True)
+            shut = {
+                room: 0o755,
+                out: 0o777,
+                out / "b": 0o555,
+                room / "in" / "c": 0,
+                room / "in" / "a" / "x.npz": 0,
+            }
+            for path, mode in shut.items():
+                path.chmod(mode)
+            give_up()
+            found = in_process(room / "in", out)
+            assert {each.name: each.message for each in found} == {
+                "a/x.npz": "Permission denied", "b/x.npz": "Permission denied",
+                "c": "Permission denied", "d/x.npz": "",
+            }  # fmt: skip
+            (out / "b").chmod(0o755) if not AS_ROOT else None
+            (room / "in" / "c").chmod(0o755) if not AS_ROOT else None
 
     def test_a_full_disk_costs_that_file_alone(self, tmp_path: Path):
         """A limit on the size of files stands for the disk."""
@@ -227,6 +245,17 @@ class TestEncode:
         write_npz(tmp_path / "in" / "a.npz")
         (found,) = in_process(tmp_path / "in", tmp_path / "out")
         assert (found.exit_code, found.message) == (1, "internal error: RecursionError: too deep")
+
+
+@contextmanager
+def without_rights() -> Iterator[Callable[[], None]]:
+    """A function that gives up the rights of root until the end of the block."""
+    nobody = 65534
+    try:
+        yield lambda: os.seteuid(nobody) if AS_ROOT else None
+    finally:
+        if AS_ROOT:
+            os.seteuid(0)
 
 
 def encode_jobs(source: Path, target: Path, **more: Any) -> list[jobs.Job]:
