@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -871,6 +872,14 @@ def test_names_never_lead_out_of_the_target():
     assert found == ["/out/x.hapf", "/out/etc/x.hapf"]
 
 
+@dataclass(frozen=True)
+class Deadly(Limits):
+    """Ends the process that unpacks it."""
+
+    def __reduce__(self) -> Any:
+        return os._exit, (9,)
+
+
 @pytest.mark.deep
 class TestDask:
     """Processes of a cluster on this machine."""
@@ -910,6 +919,20 @@ class TestDask:
         done = commands.run("archive", "verify", "in", "--dask", "nonsense://x", cwd=tmp_path)
         assert done.returncode == 1
         assert b"no Dask scheduler" in done.stderr
+
+    def test_a_file_that_kills_its_worker_is_the_only_one_that_fails(self, tmp_path: Path):
+        distributed = pytest.importorskip("distributed")
+        for seed in range(20):
+            write_hapf(tmp_path / "in" / f"{seed:02}.hapf", seed)
+        found = places.find_places([str(tmp_path / "in")], places.is_hapf)
+        todo = [jobs.Job("verify", place) for place in found]
+        todo[7] = jobs.Job("verify", todo[7].place, limits=Deadly())
+        with distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        ) as cluster:
+            outcomes = runs.run(todo, address=cluster.scheduler_address)
+        assert [each.exit_code for each in outcomes] == [0] * 7 + [1] + [0] * 12
+        assert "died" in outcomes[7].message
 
     def test_a_worker_that_is_killed_costs_time_alone(self, tmp_path: Path):
         pytest.importorskip("distributed")
