@@ -289,7 +289,7 @@ def import_options(command: Any) -> Any:
 
 
 _IMPORT_OPTIONS = (
-    click.option("--rate", help="Ticks per second, for inputs that do not say: 1000, 44100/7."),
+    click.option("--rate", help="Ticks per second of channels without a rate: 1000, 44100/7."),
     transpose_option,
     click.option(
         "--select",
