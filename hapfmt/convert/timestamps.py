@@ -17,7 +17,7 @@ from ..errors import ParameterError
 from ..limits import TICK_LIMIT
 from ..numbers import rdiv
 from ..recording import Channel, spans_at
-from ..times import STEADY, CountedRows, TickGrid, TimeStamps, in_words
+from ..times import STEADY, CountedRows, TickGrid, TimeStamps, in_words, is_scattered
 from .common import refusing
 
 _FEWEST_ROWS, _FEW_ROWS, _MANY_ROWS = 3, 8, 64
@@ -25,10 +25,6 @@ _FEWEST_ROWS, _FEW_ROWS, _MANY_ROWS = 3, 8, 64
 need to be counted."""
 _SMALL_JITTER = 0.25
 """Ticks: less than 64 rows are regular if all of them are nearer to their ticks."""
-_SCATTERED = 0.3
-"""Variance of the rows in a time, by their mean: 1 of random rows, 0 of regular ones."""
-_AT_ONCE = 0.1
-"""Share of the mean step below which rows came in one burst."""
 _SET_BACK_ROWS, _AROUND = 32, 7
 """A clock was set where its stamps go back by more than 32 periods, for 7 rows and longer."""
 _RESTART_NUMBERS = 32
@@ -95,11 +91,13 @@ def _placed(
     try:
         found = TimeStamps.of_ns(steady).find(rate, numbers=numbers, nominal=True)
     except ParameterError:
-        if rate is None and (stamps.size < _MANY_ROWS or _is_scattered(steady, numbers)):
+        if rate is None and (
+            stamps.size < _MANY_ROWS or is_scattered((steady - steady[0]) / 1e9, numbers)
+        ):
             return None
         raise
     numbered = rate is None and not found.is_exact and numbers is not None
-    if numbered and _is_scattered(steady, numbers):
+    if numbered and is_scattered((steady - steady[0]) / 1e9, numbers):
         return None
     late = (steady - steady[0]) / 1e9 - found.ticks * found.period_s
     start = found.offset_s if rate is None else float(np.median(late))
@@ -182,21 +180,6 @@ def _steady(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.int64]:
             )
             steps[row] = period
     return np.concatenate((stamps[:1], stamps[0] + np.cumsum(steps)))
-
-
-def _is_scattered(stamps: NDArray[np.int64], numbers: NDArray[np.float64] | None) -> bool:
-    """Whether rows come like random ones, in bursts or alone, rather than at a rate."""
-    steps = np.diff(stamps) / 1e9
-    alone = np.flatnonzero(steps > _AT_ONCE * steps.mean())
-    lag = min(max(alone.size // 16, 1), 16)
-    if alone.size <= lag:
-        return False
-    times = np.cumsum(steps)[alone]
-    counts = np.arange(alone.size) if numbers is None else numbers[1:][alone]
-    rows = counts[lag:] - counts[:-lag]
-    low, middle, high = np.quantile((times[lag:] - times[:-lag]) / rows, (0.25, 0.5, 0.75))
-    # The quartiles of a normal distribution are 1.349 standard deviations apart.
-    return float(((high - low) / 1.349 / middle) ** 2 * np.median(rows)) > _SCATTERED
 
 
 def _notes(found: CountedRows, moved: float, drift_ppm: float) -> list[str]:
