@@ -139,10 +139,13 @@ def _unwrapped(
     numbers = sequence.astype(np.int64)
     steps = np.diff(numbers) % limit
     back = np.where(steps >= limit // 2, limit - steps, 0)
-    often = np.count_nonzero(back) > _IN_TURN * stamps.size + 1
-    if often and rate is None:
+    many = _IN_TURN * stamps.size + 1
+    often = np.count_nonzero(back) > many
+    twice = np.count_nonzero((steps == 0) & (np.diff(stamps) != 0)) > many
+    if (often or twice) and rate is None:
+        how = "go back and forth" if often else "come twice"
         raise ParameterError(
-            "the sequence numbers go back and forth, so two publishers seem to send in turn; "
+            f"the sequence numbers {how}, so two publishers seem to send in turn; "
             "store each as a file of its own, or give a rate (rate=)"
         )
     again = (back > _RESTART_NUMBERS) | ((back > 0) & (numbers[1:] <= 1))
@@ -270,6 +273,11 @@ def stamp_channel(
     """
     ticks = placed.ticks + start_tick
     return np.asarray(stamps_ns, np.int64) - _tick_times(ticks, placed.rate, epoch_ns)
+
+
+def stamp_label(table: str, count: int) -> str:
+    """The label of the channel that keeps the stamps of a table. ``count``: of such tables."""
+    return f"{table.strip('/')}.stamp" if count > 1 else "stamp"
 
 
 def kept_stamps(stamps_ns: Sequence[int], grid: TickGrid) -> Channel:
