@@ -84,6 +84,22 @@ def place(
         raise ParameterError(f"{name}: {error}") from error
 
 
+def place_at_need(
+    stamps_ns: NDArray[np.int64], given: Fraction | None, *, name: str
+) -> tuple[Placed | None, bool]:
+    """As :func:`place`; at the rate that the caller gives, only where the stamps tell none. And
+    whether that was so."""
+    try:
+        found = place(stamps_ns, name=name)
+    except ParameterError:
+        if given is None:
+            raise
+        found = None
+    if found is not None or given is None:
+        return found, False
+    return place(stamps_ns, name=name, rate=given), True
+
+
 def _placed(
     stamps: NDArray[np.int64], rate: Fraction | None, sequence: ArrayLike | None, name: str
 ) -> Placed | None:
