@@ -6,7 +6,7 @@ import re
 import threading
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 
@@ -78,7 +78,8 @@ class Handler(BaseHTTPRequestHandler):
         self.end_headers()
         if body:
             self.server.asked.append((start, len(part)))
-            self.wfile.write(part)
+            with suppress(BrokenPipeError, ConnectionResetError):  # a client that needs no more
+                self.wfile.write(part)
 
     def log_message(self, *_: object) -> None:
         pass

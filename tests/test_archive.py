@@ -8,8 +8,11 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -186,16 +189,32 @@ class TestEncode:
             assert done.returncode == 1
             assert done.stderr.startswith(b"hapfmt: ")
 
-    @pytest.mark.skipif(AS_ROOT, reason="root may write and read everything")
     def test_what_may_not_be_read_or_written(self, tmp_path: Path):
-        for name in ("a", "b"):
-            write_npz(tmp_path / "in" / name / "x.npz")
-        (tmp_path / "in" / "a" / "x.npz").chmod(0)
-        (tmp_path / "out" / "b").mkdir(parents=True)
-        (tmp_path / "out" / "b").chmod(0o500)
-        found = report("encode", "in", "out", cwd=tmp_path, code=1)
-        (tmp_path / "out" / "b").chmod(0o700)
-        assert {each["message"] for each in found["files"]} == {"Permission denied"}
+        write_npz(tmp_path / "in" / "a.npz")
+        in_process(tmp_path / "in", tmp_path / "out")  # imports, for which rights are needed too
+        with tempfile.TemporaryDirectory() as name, without_rights() as give_up:
+            room = Path(name)
+            for folder in ("a", "b", "c", "d"):
+                write_npz(room / "in" / folder / "x.npz")
+            out = room / "out"
+            (out / "b").mkdir(parents=True)
+            shut = {
+                room: 0o755,
+                out: 0o777,
+                out / "b": 0o555,
+                room / "in" / "c": 0,
+                room / "in" / "a" / "x.npz": 0,
+            }
+            for path, mode in shut.items():
+                path.chmod(mode)
+            give_up()
+            found = in_process(room / "in", out)
+            assert {each.name: each.message for each in found} == {
+                "a/x.npz": "Permission denied", "b/x.npz": "Permission denied",
+                "c": "Permission denied", "d/x.npz": "",
+            }  # fmt: skip
+            (out / "b").chmod(0o755) if not AS_ROOT else None
+            (room / "in" / "c").chmod(0o755) if not AS_ROOT else None
 
     def test_a_full_disk_costs_that_file_alone(self, tmp_path: Path):
         """A limit on the size of files stands for the disk."""
@@ -226,6 +245,17 @@ class TestEncode:
         write_npz(tmp_path / "in" / "a.npz")
         (found,) = in_process(tmp_path / "in", tmp_path / "out")
         assert (found.exit_code, found.message) == (1, "internal error: RecursionError: too deep")
+
+
+@contextmanager
+def without_rights() -> Iterator[Callable[[], None]]:
+    """A function that gives up the rights of root until the end of the block."""
+    nobody = 65534
+    try:
+        yield lambda: os.seteuid(nobody) if AS_ROOT else None
+    finally:
+        if AS_ROOT:
+            os.seteuid(0)
 
 
 def encode_jobs(source: Path, target: Path, **more: Any) -> list[jobs.Job]:
@@ -871,6 +901,14 @@ def test_names_never_lead_out_of_the_target():
     assert found == ["/out/x.hapf", "/out/etc/x.hapf"]
 
 
+@dataclass(frozen=True)
+class Deadly(Limits):
+    """Ends the process that unpacks it."""
+
+    def __reduce__(self) -> Any:
+        return os._exit, (9,)
+
+
 @pytest.mark.deep
 class TestDask:
     """Processes of a cluster on this machine."""
@@ -910,6 +948,20 @@ class TestDask:
         done = commands.run("archive", "verify", "in", "--dask", "nonsense://x", cwd=tmp_path)
         assert done.returncode == 1
         assert b"no Dask scheduler" in done.stderr
+
+    def test_a_file_that_kills_its_worker_is_the_only_one_that_fails(self, tmp_path: Path):
+        distributed = pytest.importorskip("distributed")
+        for seed in range(20):
+            write_hapf(tmp_path / "in" / f"{seed:02}.hapf", seed)
+        found = places.find_places([str(tmp_path / "in")], places.is_hapf)
+        todo = [jobs.Job("verify", place) for place in found]
+        todo[7] = jobs.Job("verify", todo[7].place, limits=Deadly())
+        with distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        ) as cluster:
+            outcomes = runs.run(todo, address=cluster.scheduler_address)
+        assert [each.exit_code for each in outcomes] == [0] * 7 + [1] + [0] * 12
+        assert "died" in outcomes[7].message
 
     def test_a_worker_that_is_killed_costs_time_alone(self, tmp_path: Path):
         pytest.importorskip("distributed")

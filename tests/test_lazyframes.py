@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from fractions import Fraction
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -43,9 +44,8 @@ def file(tmp_path_factory) -> str:
     return os.fspath(path)
 
 
+@pytest.mark.skipif(find_spec("pyarrow") is None, reason="needs the extra 'arrow'")
 class TestArrow:
-    pa = pytest.importorskip("pyarrow", reason="needs the extra 'arrow'")
-
     def test_values_and_nulls(self):
         table = example().to_arrow()
         assert table.column_names == ["time", "fx", "fy"] and table.num_rows == TICKS

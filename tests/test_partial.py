@@ -8,12 +8,14 @@ import io
 from fractions import Fraction
 
 import forge as f
+import numpy as np
 import pytest
 import strategies
 from depth import either
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from judge import samples
+from spec import ROOT
 from test_walk import damaged
 
 import hapfmt
@@ -365,3 +367,16 @@ def test_events_beside_samples():
     assert [event.text for event in found.events] == ["touch"]
     assert found.channels[0].gaps == () and len(found.channels[0].stored) == 30
     assert [event.text for event in reader.events(1, 2)] == ["touch"]
+
+
+@pytest.mark.parametrize("name", ["uncommon/last-tick", "limits/tick-2-to-48-of-years"])
+def test_times_beyond_those_of_an_index(name):
+    """IDX-006: Times of 2^53 and more are set to 2^53 - 1."""
+    path = ROOT / "conformance" / "vectors" / f"{name}.hapf"
+    whole = hapfmt.read(path)
+    with hapfmt.Reader(path) as reader:
+        for number, channel in enumerate(whole):
+            start = channel.start_tick / channel.rate_exact
+            found = reader.read(number, start=start, stop=channel.duration)[0]
+            assert found.coverage == channel.coverage
+            assert np.array_equal(found.stored, channel.stored)

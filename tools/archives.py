@@ -1,6 +1,6 @@
 """How fast an archive is checked: `hapfmt archive verify`, `flac -t` and `sha256sum`.
 
-    .venv/bin/python tools/archives.py [--files 1000] [--megabytes 5000] [--jobs 1,2] [--folder F]
+    .venv/bin/python tools/archives.py [--files 1000] [--megabytes 5000] [--jobs 1,2] [--spectra M]
 
 Makes FILES recordings of simulated scenes, MEGABYTES of float64 in all, as .hapf and as FLAC. Three
 .hapf files are damaged: one bit, the end, and a hole of 512 bytes. All programs run in the same run
@@ -175,23 +175,33 @@ def decode_flac(paths: Sequence[Path]) -> None:
         soundfile.read(path, dtype="int32")
 
 
-def print_plan(found: Sequence[Timing]) -> None:
-    """Hours per TB of .hapf files, from the speed of one worker."""
+def print_plan(found: Sequence[Timing], made: Made, spectra: float | None) -> None:
+    """Hours per TB, from the speed of one worker in CPU time; ``spectra``: its samples a second."""
     one = next(each for each in found if each.name.startswith("hapfmt"))
     speed = one.size / one.cpu
-    print(f"One worker checks {speed / 1e6:.1f} MB of .hapf in a second of CPU time.\n")
-    print_table(
-        ["workers", "hours per TB", "they read, MB/s", "of 1 Gbit/s, %"],
-        [
+    density = one.size / made.samples
+    works = [("verify", speed)]
+    if spectra:
+        works.append(("spectra", spectra * density))
+    for name, rate in works:
+        print(
+            f"{name}: one worker reads {rate / 1e6:.2f} MB of .hapf in a second of CPU time, "
+            f"{rate / density / 1e6:.1f} M samples, {8 * rate / density / 1e6:.0f} MB of float64.\n"
+        )
+        print_table(
+            ["workers", "hours per TB of .hapf", "hours per TB of float64", "they read, MB/s",
+             "of 1 Gbit/s, %"],
             [
-                workers,
-                f"{TERABYTE / (speed * workers) / 3600:.1f}",
-                f"{speed * workers / 1e6:.0f}",
-                f"{100 * speed * workers / NETWORK:.0f}",
-            ]
-            for workers in (1, 2, 4, 8, 16, 32, 64)
-        ],
-    )
+                [
+                    workers,
+                    f"{TERABYTE / (rate * workers) / 3600:.1f}",
+                    f"{TERABYTE / (8 * rate / density * workers) / 3600:.2f}",
+                    f"{rate * workers / 1e6:.0f}",
+                    f"{100 * rate * workers / NETWORK:.0f}",
+                ]
+                for workers in (1, 2, 4, 8, 16, 32, 64)
+            ],
+        )  # fmt: skip
 
 
 def main() -> int:
@@ -202,6 +212,10 @@ def main() -> int:
     parser.add_argument("--megabytes", type=float, default=5000, help="of float64, in all files")
     parser.add_argument("--jobs", default="1,2", help="numbers of processes")
     parser.add_argument("--folder", type=Path, help="keep the files here for the next run")
+    parser.add_argument(
+        "--spectra", type=float, metavar="M",
+        help="M samples/s of one worker, as tools/spectra.py prints: adds them to the plan",
+    )  # fmt: skip
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = given.folder or Path(temporary)
@@ -209,10 +223,11 @@ def main() -> int:
         return measure(
             make(folder, max(given.files, 3), given.megabytes),
             [int(text) for text in given.jobs.split(",")],
+            None if given.spectra is None else 1e6 * given.spectra,
         )
 
 
-def measure(made: Made, jobs: Sequence[int]) -> int:
+def measure(made: Made, jobs: Sequence[int], spectra: float | None) -> int:
     hapf = sorted((made.folder / "hapf").glob("*.hapf"))
     flac = sorted((made.folder / "flac").rglob("*.flac"))
     hapf_size, flac_size = size_of(hapf), size_of(flac)
@@ -248,7 +263,7 @@ def measure(made: Made, jobs: Sequence[int]) -> int:
             for each in found
         ],
     )  # fmt: skip
-    print_plan(found)
+    print_plan(found, made, spectra)
     right = all(each == set(made.damaged) for each in reported)
     print(
         f"{len(made.damaged)} files were damaged; "

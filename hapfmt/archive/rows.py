@@ -46,7 +46,7 @@ class ChannelStatistics:
             self.low = min(self.low, float(values.min()))
             self.high = max(self.high, float(values.max()))
             with np.errstate(over="ignore"):
-                self.squares += float(np.dot(values, values))
+                self.squares += float(np.square(values).sum())  # np.dot starts threads
 
     def row(self, rate: float) -> dict[str, Any]:
         if self.first is None:

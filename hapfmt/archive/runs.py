@@ -11,7 +11,8 @@ import json
 import os
 import shutil
 import signal
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -31,7 +32,9 @@ LOG, STAGING = "log.jsonl", "unfinished"
 WORST = (ERROR, 2, 3, 4, INTACT)
 """Exit codes from the worst to the best."""
 AHEAD = 4
-"""Jobs for each worker that the scheduler has at a time."""
+"""Tasks for each worker that the scheduler has at a time."""
+BATCH, BATCH_SIZE = 16, 4 << 20
+"""Most files of a task, and the bytes from which it gets no further one."""
 Advance = Callable[[int, int], None]
 
 
@@ -267,32 +270,51 @@ def cluster(workers: int | None, address: str | None) -> Iterator[Any]:
 
 def distributed(
     client: Any,
-    places: Iterable[int],
+    places: Sequence[int],
     begin: Callable[[int], Job],
     end: Callable[[int, FileOutcome], None],
 ) -> None:
-    """A few jobs for each worker are on their way at a time, so that the log stays ahead."""
+    """A few tasks for each worker are on their way at a time, so that the log stays ahead. Small
+    files share a task: handing one over takes as long as checking 100 kB."""
     as_completed = import_module("distributed").as_completed
-    waiting = iter(places)
-    names: dict[str, tuple[int, Job]] = {}
+    workers = max(len(client.ncores()), 1)
+    most = max(min(BATCH, len(places) // (AHEAD * workers)), 1)
+    waiting = deque(places)
+    alone: set[int] = set()
+    batches: dict[str, list[tuple[int, Job]]] = {}
     done = as_completed(loop=client.loop)
 
     def submit() -> None:
-        place = next(waiting, None)
-        if place is None:
-            return
-        job = begin(place)
-        # A worker that dies takes no file along: its jobs run elsewhere.
-        future = client.submit(run_job, one_thread(job), pure=False, retries=2)
-        names[future.key] = place, job
-        done.add(future)
+        batch: list[tuple[int, Job]] = []
+        size = 0
+        while waiting and len(batch) < most and size < BATCH_SIZE:
+            if batch and (waiting[0] in alone or batch[0][0] in alone):
+                break
+            place = waiting.popleft()
+            batch.append((place, one_thread(begin(place))))
+            size += batch[-1][1].place.size
+        if batch:
+            # A worker that dies takes no file along: its jobs run elsewhere.
+            work = [job for _, job in batch]
+            future = client.submit(run_jobs, work, pure=False, retries=2)
+            batches[future.key] = batch
+            done.add(future)
 
     try:
-        for _ in range(AHEAD * max(len(client.ncores()), 1)):
+        for _ in range(AHEAD * workers):
             submit()
         for future in done:
-            place, job = names.pop(future.key)
-            end(place, outcome_of(future, job))
+            batch = batches.pop(future.key)
+            error = future.exception()
+            if error is None:
+                for (place, _), outcome in zip(batch, future.result(), strict=True):
+                    end(place, outcome)
+            elif len(batch) > 1:  # one of them is to blame
+                alone.update(place for place, _ in batch)
+                waiting.extend(place for place, _ in batch)
+            else:
+                place, job = batch[0]
+                end(place, broken(job, error))
             submit()
     except KeyboardInterrupt:
         # Outputs appear whole or not at all, also those of jobs that still run.
@@ -300,16 +322,16 @@ def distributed(
         raise
 
 
+def run_jobs(jobs: Sequence[Job]) -> list[FileOutcome]:
+    return [run_job(job) for job in jobs]
+
+
 def one_thread(job: Job) -> Job:
     """Each worker has one core."""
     return replace(job, options={**job.options, "threads": 1})
 
 
-def outcome_of(future: Any, job: Job) -> FileOutcome:
-    error = future.exception()
-    if error is None:
-        outcome: FileOutcome = future.result()
-        return outcome
+def broken(job: Job, error: BaseException) -> FileOutcome:
     name = type(error).__name__
     text = "its worker died again and again" if name == "KilledWorker" else f"{name}: {error}"
     return FileOutcome(job.place.name, "failed", ERROR, text, read_size=job.place.size)

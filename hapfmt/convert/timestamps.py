@@ -80,6 +80,22 @@ def place(
         raise ParameterError(f"{name}: {error}") from error
 
 
+def place_at_need(
+    stamps_ns: NDArray[np.int64], given: Fraction | None, *, name: str
+) -> tuple[Placed | None, bool]:
+    """As :func:`place`; at the rate that the caller gives, only where the stamps tell none. And
+    whether that was so."""
+    try:
+        found = place(stamps_ns, name=name)
+    except ParameterError:
+        if given is None:
+            raise
+        found = None
+    if found is not None or given is None:
+        return found, False
+    return place(stamps_ns, name=name, rate=given), True
+
+
 def _placed(
     stamps: NDArray[np.int64], rate: Fraction | None, sequence: ArrayLike | None, name: str
 ) -> Placed | None:
@@ -137,10 +153,13 @@ def _unwrapped(
     numbers = sequence.astype(np.int64)
     steps = np.diff(numbers) % limit
     back = np.where(steps >= limit // 2, limit - steps, 0)
-    often = np.count_nonzero(back) > _IN_TURN * stamps.size + 1
-    if often and rate is None:
+    many = _IN_TURN * stamps.size + 1
+    often = np.count_nonzero(back) > many
+    twice = np.count_nonzero((steps == 0) & (np.diff(stamps) != 0)) > many
+    if (often or twice) and rate is None:
+        how = "go back and forth" if often else "come twice"
         raise ParameterError(
-            "the sequence numbers go back and forth, so two publishers seem to send in turn; "
+            f"the sequence numbers {how}, so two publishers seem to send in turn; "
             "store each as a file of its own, or give a rate (rate=)"
         )
     again = (back > _RESTART_NUMBERS) | ((back > 0) & (numbers[1:] <= 1))
@@ -253,6 +272,11 @@ def stamp_channel(
     """
     ticks = placed.ticks + start_tick
     return np.asarray(stamps_ns, np.int64) - _tick_times(ticks, placed.rate, epoch_ns)
+
+
+def stamp_label(table: str, count: int) -> str:
+    """The label of the channel that keeps the stamps of a table. ``count``: of such tables."""
+    return f"{table.strip('/')}.stamp" if count > 1 else "stamp"
 
 
 def kept_stamps(stamps_ns: Sequence[int], grid: TickGrid) -> Channel:

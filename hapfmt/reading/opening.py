@@ -81,6 +81,8 @@ def copied_tracks(source: ByteSource, entries: Sequence[IndexEntry]) -> set[int]
 
 MS = 10**6
 """Nanoseconds."""
+LAST_MS, FAR_NS = (1 << 53) - 1, 1 << 128
+"""A time of an index that may be any later one (IDX-006), and a time after every packet."""
 FOOT_SIZE = HEADER_SIZE + 32
 LATER = frozenset({"DATA", "aTTc", "dGST", "cLOk", "cMAp", "iNDX", "fOOT"})
 """Chunks that are read on request only, or that the last index makes superfluous."""
@@ -210,8 +212,9 @@ def learn_listed(catalogue: Catalogue, offset: int, file_id: int) -> bool:
         if entry.offset < stop:
             return False
         stop = entry.offset + HEADER_SIZE
+        stop_ns = entry.stop_ms * MS if entry.stop_ms < LAST_MS else FAR_NS
         catalogue.chunks.append(
-            ChunkRef(entry.type, entry.offset, entry.start_ms * MS, entry.stop_ms * MS, limit=limit)
+            ChunkRef(entry.type, entry.offset, entry.start_ms * MS, stop_ns, limit=limit)
         )
         if entry.type in LATER:
             continue
