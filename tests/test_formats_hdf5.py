@@ -203,6 +203,40 @@ class TestLayouts:
         assert read_made(fill)[0].rate_exact == Fraction(17809, 500)
         assert read_made(fill, rate="44100/7")[0].rate_exact == 6300
 
+    def test_a_given_rate_leaves_those_of_the_file(self) -> None:
+        def fill(file: Any) -> None:
+            put(file, "a/x", np.arange(3000.0))
+            put(file, "a/t", np.arange(3000) / 500)
+            put(file, "b/y", np.arange(600.0), fs=100)
+            put(file, "c/z", np.arange(600.0))
+
+        found = read_made(fill, rate=10)
+        assert {c.group: c.rate_exact for c in found} == {"a": 500, "b": 100, "c": 10}
+        assert notes(found) == ["the rate 10 Hz is only for /c/z; the file tells the others"]
+        with pytest.raises(ParameterError, match="have several rates"):
+            read_made(fill, rate=10, select=["/a/*", "/b/*"])
+        assert read_made(fill, rate=1000, select="/a/*")[0].rate_exact == 1000
+
+    def test_a_given_rate_for_times_that_tell_none(self) -> None:
+        def fill(file: Any) -> None:
+            put(file, "a/x", np.arange(300.0))
+            put(file, "a/t", np.arange(300) / 500)
+            put(file, "b/y", np.arange(5.0))
+            put(file, "b/t", [0, 0.013, 0.051, 0.3037, 0.31])
+
+        found = read_made(fill, rate=100)
+        assert {c.group: c.rate_exact for c in found} == {"a": 500, "b": 100}
+
+    def test_a_given_rate_for_our_own_layout(self, tmp_path: Path) -> None:
+        file = tmp_path / "a.h5"
+        x, y = (Channel(np.arange(9.0), Fraction(rate), label=str(rate)) for rate in (500, 100))
+        save(Recording((x, y)), file)
+        with pytest.raises(ParameterError, match="have several rates"):
+            read(file, rate=10)
+        found = read(file, rate=10, select="100")
+        assert found[0].rate_exact == 10
+        assert notes(found) == ["the rate of the file, 100 Hz, was overridden by 10 Hz"]
+
     def test_a_rate_as_a_data_set(self) -> None:
         def fill(file: Any) -> None:
             put(file, "g/x", np.arange(5000.0))

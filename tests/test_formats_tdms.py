@@ -104,6 +104,36 @@ class TestChannels:
             read(data)
         assert read(data, rate=50)["x"].rate_exact == 50
 
+    def test_a_given_rate_leaves_those_of_the_file(self) -> None:
+        data = written([
+            channel("g", "x", [1.5] * 4, wf_increment=0.002),
+            channel("g", "y", [1.5] * 3, wf_increment=0.01),
+            channel("g", "z", [1.5, 2.5]),
+        ])  # fmt: skip
+        back = read(data, rate=10)
+        assert {c.label: c.rate_exact for c in back} == {"x": 500, "y": 100, "z": 10}
+        assert notes(data, rate=10) == ["the rate 10 Hz is only for g/z; the file tells the others"]
+        with pytest.raises(ParameterError, match="have several rates"):
+            read(data, rate=10, select=["g/x", "g/y"])
+        one = read(data, rate=10, select="g/x")
+        assert one["x"].rate_exact == 10
+        assert one.metadata["notes"] == ["the rate of the file, 500 Hz, was overridden by 10 Hz"]
+
+    def test_a_given_rate_beside_time_stamps(self) -> None:
+        uneven = np.array([0, 13, 51, 64, 87, 311])
+        data = written([
+            channel("g", "t", START + np.arange(100) * np.timedelta64(10, "ms")),
+            channel("g", "x", np.arange(100.0)),
+            channel("h", "t", START + uneven * np.timedelta64(1, "ms")),
+            channel("h", "y", np.arange(6.0)),
+            channel("i", "z", [1.0]),
+        ])  # fmt: skip
+        back = read(data, rate=50, select=["g/*", "i/*"])
+        assert {c.label: c.rate_exact for c in back} == {"x": 100, "z": 50}
+        both = read(data, rate=200, select=["g/*", "h/*"])
+        assert {c.label: c.rate_exact for c in both} == {"x": 100, "y": 200}
+        assert read(data, rate=200, select="g/*")["x"].rate_exact == 200
+
     def test_time_stamps_of_a_group(self) -> None:
         kept = np.array([i for i in range(100) if not 40 <= i < 50])
         data = written([

@@ -216,6 +216,20 @@ class TestStreamsWithoutARate:
     def test_one_value_is_the_text(self) -> None:
         assert [e.text for e in read(one("int8", [[5], [-6]], [1.0, 2.5])).events] == ["5", "-6"]
 
+    def test_a_given_rate_leaves_nominal_ones(self) -> None:
+        data = b"XDF:" + START
+        for number, (rate, times) in enumerate(
+            [(100, np.arange(99) / 100), (50, np.arange(50) / 50), (0, [0, 0.013, 0.051, 0.3037])],
+            start=1,
+        ):
+            data += header(number, f"s{number}", "int16", 1, rate)
+            data += samples(number, "int16", [[i] for i in range(len(times))], list(times))
+        found = read(data, rate=200)
+        assert [c.rate_exact for c in found] == [100, 50, 200]
+        with pytest.raises(ParameterError, match="have several rates"):
+            read(data, rate=200, select=["s1", "s2"])
+        assert read(data, rate=200, select="s2")[0].rate_exact == 200
+
     def test_a_rate_that_the_stamps_show(self) -> None:
         stamps = [10 + i / 50 for i in range(100)]
         back = read(one("float32", [[i] for i in range(100)], stamps))

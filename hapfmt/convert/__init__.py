@@ -100,13 +100,14 @@ def read(
     format. Without it the first bytes decide, and then the suffix. ``channels`` are labels or
     numbers, ``start`` and ``stop`` seconds: samples with start <= time < stop are read.
 
-    Other formats than .hapf: ``rate`` in Hz (1000, 35.618 or "44100/7") is for files that hold
-    none, and overrides the one of a file that does. ``transpose`` is for arrays that are [samples,
-    channels]. ``metadata["notes"]`` lists everything that was not converted. ``select`` names
-    topics, data sets, streams or columns, or patterns of them; only these are read. ``clock``
-    chooses among several times, such as "header" or "log" for messages. ``episode`` is the number
-    of one episode of several. ``map`` is a TOML file that says where channels and times are.
-    ``keep_stamps`` keeps the original time stamps as channels, in ns from their ticks.
+    Other formats than .hapf: ``rate`` in Hz (1000, 35.618 or "44100/7") is for channels without a
+    rate and without times. If all channels have one rate or share their times, it replaces that
+    rate, and a note says so. ``transpose`` is for arrays that are [samples, channels].
+    ``metadata["notes"]`` lists everything that was not converted. ``select`` names topics, data
+    sets, streams or columns, or patterns of them; only these are read. ``clock`` chooses among
+    several times, such as "header" or "log" for messages. ``episode`` is the number of one episode
+    of several. ``map`` is a TOML file that says where channels and times are. ``keep_stamps`` keeps
+    the original time stamps as channels, in ns from their ticks.
 
     .hapf: ``band`` is "full", "lf" or "hf"; ``exact`` False leaves the float64 corrections out; any
     damage raises (:class:`hapfmt.Reader` goes on).

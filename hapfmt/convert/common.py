@@ -53,6 +53,47 @@ def choose_rate(given: Fraction | None, found: Fraction | None, notes: list[str]
     return found
 
 
+def filled_rates(
+    given: Fraction | None,
+    tables: Sequence[tuple[str, Fraction | None, str | None]],
+    notes: list[str],
+) -> tuple[list[Fraction | None], bool]:
+    """The rates of tables, of which the name, the stated rate and the name of the times are known;
+    and whether the rate is also that of their times.
+
+    The caller's rate is for tables without a rate and without times. Where all tables have one
+    rate, or share their times, it replaces that. Otherwise times take it that tell none.
+    """
+    stated = [rate for _, rate, _ in tables]
+    if given is None or not tables:
+        return stated, False
+    lacking = [rate is None and times is None for _, rate, times in tables]
+    if any(lacking):
+        names = list(
+            dict.fromkeys(name for (name, *_), lacks in zip(tables, lacking, strict=True) if lacks)
+        )
+        if not all(lacking):
+            more = f" and {len(names) - 5} more" if len(names) > 5 else ""
+            listed = ", ".join(names[:5]) + more
+            notes.append(f"the rate {given} Hz is only for {listed}; the file tells the others")
+        return [
+            given if lacks else rate for rate, lacks in zip(stated, lacking, strict=True)
+        ], False
+    if len({(rate, times) for _, rate, times in tables}) == 1:
+        return [choose_rate(given, stated[0], notes)] * len(tables), True
+    if all(times is None for *_, times in tables):
+        raise several_rates()
+    return stated, False
+
+
+def several_rates() -> ParameterError:
+    """No table took the rate of the caller."""
+    return ParameterError(
+        "the channels have several rates, and all of them have one; to replace a rate (rate=), "
+        "select channels of one (select=)"
+    )
+
+
 def selected(names: Sequence[str], patterns: Sequence[str], what: str) -> list[int]:
     """Places of the names that a pattern fits, or of all where there are no patterns.
     ParameterError for a pattern that fits none."""
@@ -248,6 +289,7 @@ __all__ = [
     "choose_rate",
     "exact_doubles",
     "extent",
+    "filled_rates",
     "fits",
     "not_carried",
     "one_rate",
@@ -255,6 +297,7 @@ __all__ = [
     "read_bytes",
     "refusing",
     "selected",
+    "several_rates",
     "unit_of",
     "with_notes",
 ]

@@ -113,7 +113,8 @@ class ReadOptions:
     """What the caller wants of a file; None and () where nothing was said.
 
     rate
-        ticks per second, for files that hold none; overrides that of the file.
+        ticks per second, for channels without a rate and without times. If all channels have one
+        rate or share their times, it replaces that rate.
     transpose
         arrays are [samples, channels].
     select

@@ -295,15 +295,15 @@ def read_ours(file: Any, texts: Texts, options: ReadOptions) -> Import:
     budget = [options.max_memory]
     for name in file:
         if name.startswith("rate_"):
-            found += _stored(file, walk, name, options, budget)
-    whole, places = import_of_stored(found, options.select)
+            found += _stored(file, walk, name, budget)
+    whole, places = import_of_stored(found, options)
     whole = replace(
         whole,
         epoch_ns=about.get("epoch_ns"),
         epoch_uncertainty_ns=about.get("epoch_uncertainty_ns", 0),
         metadata=_metadata(file, walk),
         attachments=_attachments(file, walk, budget),
-        notes=tuple(notes),
+        notes=(*whole.notes, *notes),
     )
     return of_channels(
         whole,
@@ -314,13 +314,11 @@ def read_ours(file: Any, texts: Texts, options: ReadOptions) -> Import:
     )
 
 
-def _stored(
-    file: Any, walk: Walk, name: str, options: ReadOptions, budget: list[int]
-) -> Iterator[Stored]:
+def _stored(file: Any, walk: Walk, name: str, budget: list[int]) -> Iterator[Stored]:
     h5py = h5py_of()
     group = _held(file, name, h5py.Group)
     about = walk.attributes(group, (name,))
-    rate = rate_from(str(about["rate"])) if options.rate is None else options.rate
+    rate = rate_from(str(about["rate"]))
     start = integer_of(about, "start_tick", 0, TICK_LIMIT)
     for member in group:
         if member == TIME:

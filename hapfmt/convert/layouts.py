@@ -26,10 +26,10 @@ from ..numbers import counted
 from ..recording import Calibration, Event
 from ..times import TIME_UNITS
 from ..units import split_name, to_ucum
-from .common import CHANNEL_LIMIT, rate_from, unit_of
+from .common import CHANNEL_LIMIT, filled_rates, rate_from, several_rates, unit_of
 from .formats import ReadOptions
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
-from .timestamps import Placed, align, place, stamp_channel
+from .timestamps import Placed, align, place, place_at_need, stamp_channel
 
 Path = tuple[str, ...]
 
@@ -305,9 +305,7 @@ def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
         planned = found.get(key)
         if planned is None:
             name = "/" + "/".join(array.path[:-1])
-            planned = found[key] = PlannedTable(
-                name, [], times, options.rate if times is None and options.rate else rate
-            )
+            planned = found[key] = PlannedTable(name, [], times, rate)
         planned.parts.append(PlannedPart(array, axis))
     tables = _long_enough(list(found.values()), notes, bool(options.select))
     if square:
@@ -599,6 +597,16 @@ def built(tree: SourceTree, planned: list[PlannedTable], options: ReadOptions) -
             f"{options.max_memory} allowed; allow more (max_memory=) or select a part (select=)"
         )
     notes = list(tree.notes)
+    rates, is_forced = filled_rates(
+        options.rate,
+        [
+            (", ".join(part.array.name for part in one.parts), one.rate, _times_name(one))
+            for one in planned
+        ],
+        notes,
+    )
+    is_used = rates != [one.rate for one in planned] or is_forced
+    planned = [one._replace(rate=rate) for one, rate in zip(planned, rates, strict=True)]
     stamps = [_stamps(one, notes) for one in planned]
     known: dict[str, Placed | None] = {}
     grids: list[Placed | None] = []
@@ -608,8 +616,16 @@ def built(tree: SourceTree, planned: list[PlannedTable], options: ReadOptions) -
             continue
         key = f"{one.times.name} {one.rate}"
         if key not in known:
-            known[key] = _placed(one, own, options, notes)
+            if is_forced:
+                known[key] = place(own, name=one.times.name, rate=options.rate)
+            elif one.rate is None:
+                known[key], took = place_at_need(own, options.rate, name=one.times.name)
+                is_used |= took
+            else:
+                known[key] = _placed(one, own, notes)
         grids.append(known[key])
+    if options.rate is not None and not is_used:
+        raise several_rates()
     epoch_ns, zero, starts = _zero(grids, stamps, notes)
     labels = _labels(planned, tree)
     tables: list[ImportTable] = []
@@ -746,12 +762,15 @@ def _exponent(times: SourceArray, x: NDArray[Any], notes: list[str]) -> int:
 _NANO = ("nsec", "nsecs", "nanosecond", "nanoseconds")
 
 
-def _placed(
-    one: PlannedTable, stamps: NDArray[np.int64], options: ReadOptions, notes: list[str]
-) -> Placed | None:
-    assert one.times is not None
-    found = place(stamps, name=one.times.name, rate=options.rate)
-    if found is None or options.rate is not None or one.rate in (None, found.rate):
+def _times_name(one: PlannedTable) -> str | None:
+    return None if one.times is None else one.times.name
+
+
+def _placed(one: PlannedTable, stamps: NDArray[np.int64], notes: list[str]) -> Placed | None:
+    """By the times, or at the stated rate where that is nearly theirs."""
+    assert one.times is not None and one.rate is not None
+    found = place(stamps, name=one.times.name)
+    if found is None or one.rate == found.rate:
         return found
     if abs(one.rate / found.rate - 1) <= _NEAR:
         return place(stamps, name=one.times.name, rate=one.rate)

@@ -139,8 +139,8 @@ def _table(tree: SourceTree, one: MapTable, options: ReadOptions) -> PlannedTabl
     times = None if one.time is None else tree.array(one.time)
     if one.time_column is not None:
         times, arrays[0] = _split(arrays[0], one)
-    rate = options.rate if one.rate is None or options.rate is not None else one.stated_rate()
-    if times is None and rate is None:
+    rate = None if one.rate is None else one.stated_rate()
+    if times is None and rate is None and options.rate is None:
         raise ParameterError("it needs time, time_column or rate")
     if times is not None and (not times.is_line or times.dtype.kind not in "iuf"):
         raise ParameterError(f"time: {times.name} is not one row of numbers")

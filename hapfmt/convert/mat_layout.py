@@ -326,12 +326,12 @@ def _read(tree: SourceTree, options: ReadOptions) -> Import:
                 _values(tree, arrays, path, rows, dtype),
                 place,
                 column_of(described, dtype),
-                rate_from(str(table["rate"])) if options.rate is None else options.rate,
+                rate_from(str(table["rate"])),
                 start,
                 spans,
             )
         )
-    whole, places = import_of_stored(found, options.select)
+    whole, places = import_of_stored(found, options)
     count = len(found)
     whole = replace(
         whole,
@@ -339,7 +339,7 @@ def _read(tree: SourceTree, options: ReadOptions) -> Import:
         epoch_uncertainty_ns=about["epoch_uncertainty_ns"],
         metadata=dict(about["metadata"]),
         attachments=_attachments(tree, arrays, about["attachments"], options.max_memory),
-        notes=tuple(tree.notes),
+        notes=(*whole.notes, *tree.notes),
     )
     return of_channels(
         whole,

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from ..clocks import ClockMap, ClockObservation
 from ..errors import LimitError, ParameterError, matching, unknown
 from ..recording import CHANNEL_LIMIT, Calibration, Channel, Deviation, Event, Recording, extent
+from .common import filled_rates
+from .formats import ReadOptions
 from .layouts import BLOCK_SIZE
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
 
@@ -47,7 +49,7 @@ class Stored(NamedTuple):
 
 
 def import_of_stored(
-    found: Sequence[Stored], select: Sequence[str]
+    found: Sequence[Stored], options: ReadOptions
 ) -> tuple[Import, dict[int, int]]:
     """The tables of the channels that are selected, and their places in the file -> here."""
     if len(found) > CHANNEL_LIMIT:
@@ -55,9 +57,13 @@ def import_of_stored(
     ordered = sorted(found, key=lambda one: one.place)
     if [one.place for one in ordered] != list(range(len(ordered))):
         raise ParameterError("the channels do not have the places 0, 1, 2 and so on")
-    places = _selected(ordered, select)
+    places = _selected(ordered, options.select)
     tables, sources = [], []
     chosen = [one for one in ordered if one.place in places]
+    notes: list[str] = []
+    stated = [(one.column.label, one.rate, None) for one in chosen]
+    rates, _ = filled_rates(options.rate, stated, notes)
+    chosen = [one._replace(rate=rate or one.rate) for one, rate in zip(chosen, rates, strict=True)]
     for _, group in groupby(chosen, key=lambda one: one.table):
         own = list(group)
         spans, ticks = own[0].spans, None
@@ -79,7 +85,7 @@ def import_of_stored(
         for number, own in enumerate(sources):
             yield from _blocks(number, own)
 
-    return Import(tuple(tables), blocks), places
+    return Import(tuple(tables), blocks, notes=tuple(notes)), places
 
 
 def _blocks(number: int, own: Sequence[Stored]) -> Iterator[ImportBlock]:

@@ -27,10 +27,10 @@ from ..errors import LimitError, MissingExtraError, ParameterError
 from ..limits import TICK_LIMIT
 from ..numbers import exact, hertz, rdiv
 from ..recording import Calibration
-from .common import choose_rate, refusing, selected, unit_of
+from .common import filled_rates, refusing, selected, several_rates, unit_of
 from .formats import ReadOptions, Source
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
-from .timestamps import Placed, observations, place, stamp_channel
+from .timestamps import Placed, observations, place, place_at_need, stamp_channel
 
 _NS = 10**9
 _EPOCH_S = 2_082_844_800
@@ -326,20 +326,31 @@ def _timed(
     a channel."""
     times: dict[str, list[int]] = {}
     for number, channel in enumerate(found):
-        rate = _rate(channel)
-        if rate is None and options.rate is None:
-            own = [time for time in channels if _is_time_of(time, channel)]
-            if len(own) != 1:
-                raise ParameterError(
-                    f"channel {channel.group}/{channel.name} has no wf_increment, and its group no "
-                    "time stamps of the same length; give a rate (rate=) or select other channels "
-                    "(select=)"
-                )
+        channel.rate = _rate(channel)
+        own = [time for time in channels if _is_time_of(time, channel)]
+        if channel.rate is None and len(own) == 1:
             times.setdefault(own[0].path, []).append(number)
             continue
-        channel.rate = choose_rate(options.rate, rate, notes)
+        if channel.rate is None and options.rate is None:
+            raise ParameterError(
+                f"channel {channel.group}/{channel.name} has no wf_increment, and its group no "
+                "time stamps of the same length; give a rate (rate=) or select other channels "
+                "(select=)"
+            )
         channel.start_ns = _start(channel)
-    return _placed(reader, {c.path: c for c in channels}, found, times, options, notes)
+    path_of = {number: path for path, numbers in times.items() for number in numbers}
+    stated = [
+        (f"{channel.group}/{channel.name}", channel.rate, path_of.get(number))
+        for number, channel in enumerate(found)
+    ]
+    rates, is_forced = filled_rates(options.rate, stated, notes)
+    is_used = is_forced or rates != [channel.rate for channel in found]
+    for channel, rate in zip(found, rates, strict=True):
+        channel.rate = rate
+    return _placed(
+        reader, {c.path: c for c in channels}, found, times, options, notes,
+        is_forced=is_forced, is_used=is_used,
+    )  # fmt: skip
 
 
 def _start(channel: TdmsChannel) -> int | None:
@@ -366,12 +377,16 @@ def _placed(
     times: Mapping[str, Sequence[int]],
     options: ReadOptions,
     notes: list[str],
+    *,
+    is_forced: bool,
+    is_used: bool,
 ) -> list[tuple[int, ClockObservation]]:
-    """Place the rows by the time stamps of their group."""
+    """Place the rows by the time stamps of their group. ``is_forced``: at the caller's rate.
+    ``is_used``: another channel takes that."""
     if sum(32 * channels[path].rows for path in times) > options.max_memory:
         raise LimitError(
             f"the time stamps take more than the {options.max_memory} bytes allowed; allow more "
-            "(max_memory=) or give a rate (rate=)"
+            "(max_memory=) or select other channels (select=)"
         )
     parts: dict[str, list[NDArray[np.int64]]] = {path: [] for path in times}
     if times:
@@ -384,7 +399,11 @@ def _placed(
         name = f"{channels[path].group}/{channels[path].name}"
         if len(stamps) != channels[path].rows:
             raise ParameterError(f"the time stamps of {name} end before their number")
-        placed = place(stamps, name=name)
+        if is_forced:
+            placed = place(stamps, name=name, rate=options.rate)
+        else:
+            placed, took = place_at_need(stamps, options.rate, name=name)
+            is_used |= took
         if placed is None:
             raise ParameterError(f"the time stamps of {name} have no rate; give one (rate=)")
         notes.extend(placed.notes)
@@ -398,6 +417,8 @@ def _placed(
             (first, ClockObservation(*seen))
             for seen in observations(placed, stamps, name, 0, first)
         ]
+    if options.rate is not None and found and not is_used:
+        raise several_rates()
     return clocks
 
 

@@ -27,7 +27,7 @@ from ..clocks import ClockObservation
 from ..errors import LimitError, ParameterError
 from ..numbers import counted, exact
 from ..recording import Calibration, Event
-from .common import read_bytes, refusing, selected, unit_of
+from .common import filled_rates, read_bytes, refusing, selected, several_rates, unit_of
 from .formats import ReadOptions, Source
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
 from .timestamps import Placed, align, observations, place, stamp_channel
@@ -96,10 +96,22 @@ def read(source: Source, options: ReadOptions) -> Import:
         found, first, last = _episode(stream, options, notes)
         stamps.append(found)
         ranges.append((first, last))
+    numeric = [stream for stream in streams if stream.dtype]
+    rates, is_forced = filled_rates(
+        options.rate, [(s.name, s.rate, str(s.number)) for s in numeric], notes
+    )
     placed = [
-        _placed(stream, ns, options) if stream.dtype else None
+        _placed(stream, ns, rates[0] if is_forced else None) if stream.dtype else None
         for stream, ns in zip(streams, stamps, strict=True)
     ]
+    if options.rate is not None and numeric and not is_forced:
+        lacking = [s.dtype and each is None for s, each in zip(streams, placed, strict=True)]
+        if not any(lacking):
+            raise several_rates()
+        placed = [
+            place(ns, name=f"stream {stream.name!r}", rate=options.rate) if lacks else each
+            for stream, ns, each, lacks in zip(streams, stamps, placed, lacking, strict=True)
+        ]
     shifts = [_shift(stream, own) for stream, own in zip(streams, ranges, strict=True)]
     shifted = [
         each._replace(start_ns=each.start_ns + shift)
@@ -437,11 +449,11 @@ def _episode(
     return stamps[ends[number] : ends[number + 1]], ends[number], ends[number + 1]
 
 
-def _placed(stream: XdfStream, stamps: NDArray[np.int64], options: ReadOptions) -> Placed | None:
-    """None: its rows become events."""
+def _placed(stream: XdfStream, stamps: NDArray[np.int64], rate: Fraction | None) -> Placed | None:
+    """At ``rate``, if the caller gives it. None: its rows become events."""
     name = f"stream {stream.name!r}"
-    if options.rate is not None:
-        return place(stamps, name=name, rate=options.rate)
+    if rate is not None:
+        return place(stamps, name=name, rate=rate)
     try:
         found = place(stamps, name=name)
     except ParameterError:
