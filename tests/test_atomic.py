@@ -77,12 +77,15 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
         ("", "not a file name"),
         (".", "not a file name"),
         ("{tmp}", "is a directory"),
+        ("{tmp}/sub/", "the directory .*sub/ does not exist"),
+        ("{tmp}/there.hapf/", "there.hapf is a file, not a directory"),
         ("{tmp}/missing/a", "does not exist"),
         ("/dev/null", "not a regular file"),
     ],
 )
 @pytest.mark.parametrize("force", [False, True])
 def test_refusals(tmp_path: Path, name: str, message: str, force: bool) -> None:
+    (tmp_path / "there.hapf").touch()
     with (
         pytest.raises(ParameterError, match=message),
         atomic_write(name.format(tmp=tmp_path), force=force),

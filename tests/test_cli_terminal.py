@@ -4,6 +4,7 @@ names that were mistyped."""
 from __future__ import annotations
 
 import ast
+import io
 import json
 import os
 import re
@@ -395,6 +396,44 @@ def test_long_work_shows_progress_and_an_interrupt_leaves_nothing(
     os.close(ours)
     assert b"hapfmt: interrupted" in text and b"Traceback" not in text
     assert [path.name for path in tmp_path.iterdir()] == ["big.npz"]
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_the_progress_has_left_the_terminal_before_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hapfmt.cli import common, inspect
+
+    hapfmt.save(recording(count=2000), tmp_path / "a.mcap")
+    terminal, shown = Terminal(), []
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(common, "LONG_SECONDS", -1)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr(inspect, "show", lambda *_: shown.append(terminal.getvalue()))
+    inspect.inspect.main([str(tmp_path / "a.mcap")], standalone_mode=False)
+    hide, bring_back = "\x1b[?25l", "\x1b[?25h"
+    assert hide in shown[0] and shown[0].rindex(bring_back) > shown[0].rindex(hide)
+    assert terminal.getvalue() == shown[0]
+
+
+def test_what_is_printed_beside_the_progress_reaches_a_pipe(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from hapfmt.cli import common
+
+    terminal, pipe = Terminal(), io.StringIO()
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(common, "LONG_SECONDS", -1)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr(sys, "stdout", pipe)
+    with common.progress("reading") as advance:
+        advance(1, 2)
+        screen.say("a line")
+    assert pipe.getvalue() == "a line\n" and "a line" not in terminal.getvalue()
 
 
 def test_suffixes_of_other_formats_are_refused(room: Path) -> None:

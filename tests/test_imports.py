@@ -200,7 +200,35 @@ class TestNpz:
             assert done.returncode == 0, (verb, done.stderr)
         for verb in (("verify", "a.hapf"), ("compare", "a.hapf", "a.hapf")):
             done = run(*verb, "--transpose", cwd=tmp_path)
-            assert done.returncode == 1 and "requires .npy or .npz" in done.stderr
+            assert done.returncode == 1 and "--transpose is for inputs of other" in done.stderr
+
+    def test_the_original_of_a_file_gets_the_options_of_encode(self, tmp_path):
+        gaps = np.random.default_rng(1).exponential(0.01, 40)
+        rows = [f"{t:.6f},{t:.3f}" for t in np.cumsum(gaps)]
+        (tmp_path / "a.csv").write_text("time,f [N]\n" + "\n".join(rows) + "\n")
+        options = ("--rate", "1000", "--keep-stamps")
+        done = run("encode", "a.csv", "a.hapf", *options, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        for verb in (
+            ("verify", "a.hapf", "--against", "a.csv"),
+            ("compare", "a.hapf", "a.csv"),
+            ("plot", "a.hapf", "-f", "-o", "a.png", "--against", "a.csv"),
+        ):
+            done = run(*verb, *options, cwd=tmp_path)
+            assert done.returncode == 0, (verb, done.stderr)
+            done = run(*verb, "--episode", "1", cwd=tmp_path)
+            assert done.returncode == 1 and "CSV files do not use" in done.stderr
+        for verb in (("verify", "a.hapf"), ("compare", "a.hapf", "a.hapf")):
+            done = run(*verb, "--keep-stamps", cwd=tmp_path)
+            assert done.returncode == 1 and "--keep-stamps is for inputs of other" in done.stderr
+
+    def test_an_option_counts_for_the_inputs_that_use_it(self, tmp_path):
+        tall = np.arange(600.0).reshape(200, 3)
+        (tmp_path / "a.npz").write_bytes(npz(x=tall, fs=10))
+        rows = "".join(f"{i / 10},{a},{b},{c}\n" for i, (a, b, c) in enumerate(tall))
+        (tmp_path / "a.csv").write_text("time,x.0,x.1,x.2\n" + rows)
+        done = run("compare", "a.npz", "a.csv", "--transpose", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
 
 
 def gappy(tmp_path, ticks=150_000_000):

@@ -120,7 +120,7 @@ def finite(value: Any) -> Any:
 @contextmanager
 def progress(label: str) -> Iterator[Callable[[int, int], None]]:
     """A callback (done, all) that draws a bar on standard error, if that is a terminal, once the
-    work takes longer than half a second."""
+    work takes longer than half a second. After the block it draws nothing."""
     import time
 
     if not sys.stderr.isatty():
@@ -137,17 +137,21 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
         TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
+        redirect_stdout=sys.stdout.isatty(),  # a pipe or a file gets what is printed
     )
     task = bar.add_task(label, total=None)
 
+    ended = False
+
     def advance(done: int, total: int) -> None:
         bar.update(task, completed=done, total=total)
-        if time.monotonic() - began > LONG_SECONDS:
+        if not ended and time.monotonic() - began > LONG_SECONDS:
             bar.start()
 
     try:
         yield advance
     finally:
+        ended = True
         bar.stop()
 
 
@@ -408,13 +412,30 @@ def refuse_output(name: str, format_: str | None, force: bool) -> None:
         refuse(name, force)
 
 
-def refuse_transpose(
-    transpose: bool | None, inputs: Sequence[str | None], format_: str | None
-) -> None:
-    """Refuses --transpose without an array among the inputs."""
-    if transpose is None or any(name and suffix_of(name, format_) in ARRAYS for name in inputs):
-        return
-    raise ParameterError("--transpose requires .npy or .npz input")
+def options_by_input(
+    inputs: Sequence[str | None], format_: str | None, given: Mapping[str, Any]
+) -> dict[str, dict[str, Any]]:
+    """The options of ``import_options`` by the inputs that use them. Refuses one that none uses."""
+    from ..convert.formats import named, with_suffix
+
+    asked = asked_of(given)
+    found: dict[str, dict[str, Any]] = {name: {} for name in inputs if name}
+    others = [name for name in found if suffix_of(name, format_, "") != HAPF]
+    for option, value in asked.items():
+        users = []
+        for name in others:
+            chosen = named(format_) if format_ else with_suffix(suffix_of(name, None, ""))
+            if chosen is None or option in ("rate", "select", *chosen.options):
+                users.append(name)
+        for name in users or others:  # where none uses it, its reader says so
+            found[name][option] = value
+        if not others:
+            raise ParameterError(f"{option_of(option)} is for inputs of other formats than .hapf")
+    return found
+
+
+def option_of(name: str) -> str:
+    return "--" + name.replace("_", "-")
 
 
 def load_recording(
@@ -439,7 +460,7 @@ def load_recording(
             )
         return described(recording, labels, unit), 0
     if asked := asked_of(given):
-        option = "--" + next(iter(asked)).replace("_", "-")
+        option = option_of(next(iter(asked)))
         raise ParameterError(f"{option} is for inputs of other formats than .hapf", path=name)
     if labels is not None or unit is not None:
         raise ParameterError(
@@ -473,17 +494,11 @@ def opened_input(
         yield load_recording(name, format_, limits, labels=labels, unit=unit, **given)
         return
     with ExitStack() as bar:
-        show: list[Callable[[int, int], None]] = [bar.enter_context(progress("reading"))]
-
-        def advance(done: int, total: int) -> None:
-            for each in show:
-                each(done, total)
-
+        advance = bar.enter_context(progress("reading"))
         with opened(
             input_of(name), format=format_, limits=limits, progress=advance, **asked_of(given)
         ) as (_, found, options):
             kept = read_if_small(found, options, limits, whole)
-            show.clear()
             bar.close()
             if isinstance(kept, Import):
                 yield relabelled(kept, labels, unit), 0
@@ -727,17 +742,16 @@ def tell_added(file: str, what: str, notes: Sequence[str], as_json: bool) -> Non
 def open_parts(
     name: str,
     format_: str | None,
-    rate: str | None,
     limits: Limits,
     channels: Sequence[str] = (),
     *,
     numbers: Sequence[int] | None = None,
     whole: bool = True,
-    transpose: bool | None = None,
+    **given: Any,
 ) -> Parts:
     """``channels``: labels or numbers as a person gives them; ``numbers``: these;
     ``whole``: all of its time is wanted, so a hapf file is checked from end to end;
-    ``transpose``: for a file of arrays, others ignore it."""
+    ``given``: the options of this input, see :func:`options_by_input`."""
     from ..lab.parts import FileParts, RecordingParts
     from ..reading.reader import Reader
 
@@ -750,27 +764,19 @@ def open_parts(
         except BaseException:
             reader.close()
             raise
-    transpose = transpose if suffix in ARRAYS else None
-    recording, _ = load_recording(name, format_, limits, rate=rate, transpose=transpose)
+    recording, _ = load_recording(name, format_, limits, **given)
     labels = [channel.label for channel in recording.channels]
     names: Sequence[str | int] | None = numbers or parse_channels(channels, labels)
     places = None if names is None else channels_called(names, dict(enumerate(labels)))
     return RecordingParts(recording, places)
 
 
-def matched(
-    parts: Parts,
-    name: str,
-    format_: str | None,
-    rate: str | None,
-    limits: Limits,
-    transpose: bool | None,
-) -> Parts:
+def matched(parts: Parts, name: str, format_: str | None, limits: Limits, **given: Any) -> Parts:
     """The channels of the file ``name`` that belong to those of ``parts``: of the same places, as
     in ``verify`` (SPEC DBC-003)."""
     numbers = [channel.number for channel in parts.channels]
     try:
-        return open_parts(name, format_, rate, limits, numbers=numbers, transpose=transpose)
+        return open_parts(name, format_, limits, numbers=numbers, **given)
     except ParameterError as error:
         if not error.message.startswith("no channel"):
             raise

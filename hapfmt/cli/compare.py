@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,17 +14,17 @@ from .common import (
     AmountType,
     echo_json,
     force_option,
+    import_options,
     input_format_option,
     json_option,
     memory_option,
     open_parts,
+    options_by_input,
     output_of,
     progress,
     refuse_span,
-    refuse_transpose,
     start_option,
     stop_option,
-    transpose_option,
 )
 from .encode import amount
 from .plot import damage_of, finish
@@ -57,8 +57,7 @@ DIFFERENT = 3
 )
 @click.option("--plot", "picture", metavar="PICTURE", help="Draw both: .png .svg .pdf.")
 @input_format_option
-@click.option("--rate", help="Ticks per second, for a file that does not say.")
-@transpose_option
+@import_options
 @memory_option
 @force_option
 @json_option
@@ -71,15 +70,14 @@ def compare(
     tolerance: Tolerance | None,
     picture: str | None,
     input_format: str | None,
-    rate: str | None,
-    transpose: bool | None,
     max_memory: Limits,
     force: bool,
     as_json: bool,
+    **given: Any,
 ) -> int:
     """Compare the samples of A and B, of any format, tick by tick. Channels are matched by label;
     if no label matches, by place and unit. Metadata, events, clocks and attachments are not
-    compared.
+    compared. An option such as --rate or --keep-stamps counts for each file whose format uses it.
 
     The exit code is 0 if no difference is larger than --tolerance and no sample is missing on
     either side. It is 3 if the recordings differ, or if samples were lost to damage. An error is 1.
@@ -101,11 +99,11 @@ def compare(
         refuse(picture, force)
         new_figure(1, 1)
     refuse_span(start, stop)
-    refuse_transpose(transpose, (a, b), input_format)
-    opened = partial(open_parts, whole=start is None and stop is None, transpose=transpose)
-    one = opened(a, input_format, rate, max_memory, channels)
+    options = options_by_input((a, b), input_format, given)
+    opened = partial(open_parts, whole=start is None and stop is None)
+    one = opened(a, input_format, max_memory, channels, **options[a])
     try:
-        two = opened(b, input_format, rate, max_memory, channels)
+        two = opened(b, input_format, max_memory, channels, **options[b])
         try:
             with progress("comparing") as advance:
                 found, views = compare_recordings(

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, cast
 import click
 
 from ..errors import ParameterError
-from ..files import refuse
 from .common import (
     contents,
     echo_json,
@@ -20,6 +19,7 @@ from .common import (
     output_format_option,
     parse_channels,
     progress,
+    refuse_output,
     refuse_span,
     save_recording,
     start_option,
@@ -86,15 +86,12 @@ def decode(
     from ..reading.reader import Reader
 
     suffix_of(target, output_format)
-    if target != "-":
-        refuse(target, force)
+    refuse_output(target, output_format, force)
     refuse_span(start, stop)
-    with (
-        Reader(input_of(source), threads=threads, limits=max_memory, file_id=file_id) as reader,
-        progress("decoding") as advance,
-    ):
+    with Reader(input_of(source), threads=threads, limits=max_memory, file_id=file_id) as reader:
         names = parse_channels(channels, [ref.label for ref in reader.channels])
-        recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
+        with progress("decoding") as advance:
+            recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
         if (start is not None or stop is not None) and not recording.sample_count:
             end = float(reader.duration)
             band_ = "" if band == "full" else f" of band {band}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -57,17 +58,17 @@ def inspect(
         raise ParameterError("give FILE, or --formats")
     from ..convert import imported
 
-    with (
-        progress("reading") as advance,
-        imported(
+    with ExitStack() as bar:
+        advance = bar.enter_context(progress("reading"))
+        with imported(
             input_of(file), format=input_format, limits=max_memory, progress=advance,
             **asked_of(given),
-        ) as (chosen, found),
-    ):  # fmt: skip
-        if as_json:
-            echo_json(import_json(chosen, found))
-        else:
-            show(chosen, found)
+        ) as (chosen, found):  # fmt: skip
+            bar.close()  # before anything is printed
+            if as_json:
+                echo_json(import_json(chosen, found))
+            else:
+                show(chosen, found)
     return 0
 
 

@@ -12,20 +12,20 @@ from ..errors import ParameterError
 from ..numbers import counted
 from .common import (
     force_option,
+    import_options,
     input_format_option,
     matched,
     memory_option,
     open_parts,
+    options_by_input,
     output_of,
     output_option,
     progress,
     refuse_span,
-    refuse_transpose,
     start_option,
     stop_option,
     tell_losses,
     tell_written,
-    transpose_option,
 )
 from .screen import Verb, note, printable
 
@@ -51,8 +51,7 @@ LINES = 3
     help="The recording that FILE was encoded from: draws the errors too.",
 )
 @input_format_option
-@click.option("--rate", help="Samples per second, for a file without a rate.")
-@transpose_option
+@import_options
 @click.option(
     "--output-format",
     "kind",
@@ -71,11 +70,10 @@ def plot(
     stop: Fraction | None,
     against: str | None,
     input_format: str | None,
-    rate: str | None,
-    transpose: bool | None,
     kind: str | None,
     max_memory: Limits,
     force: bool,
+    **given: Any,
 ) -> int:
     """Draw FILE, of any format. Long recordings are read in parts.
 
@@ -105,15 +103,13 @@ def plot(
 
         open_window("hapfmt").destroy()
     refuse_span(start, stop)
-    refuse_transpose(transpose, (file, against), input_format)
+    options = options_by_input((file, against), input_format, given)
     whole = start is None and stop is None
-    parts = open_parts(
-        file, input_format, rate, max_memory, channels, whole=whole, transpose=transpose
-    )
+    parts = open_parts(file, input_format, max_memory, channels, whole=whole, **options[file])
     original = None
     try:
         if against is not None:
-            original = matched(parts, against, input_format, rate, max_memory, transpose)
+            original = matched(parts, against, input_format, max_memory, **options[against])
         figures = draw(parts, original, file, start, stop, kind == "pdf" or window)
         code = finish(parts, start, stop)
     finally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,16 +12,16 @@ from ..errors import DAMAGED
 from .common import (
     echo_json,
     file_id_option,
+    import_options,
     input_format_option,
     input_of,
     json_option,
     load_recording,
     memory_option,
+    options_by_input,
     progress,
-    refuse_transpose,
     tell_some,
     threads_option,
-    transpose_option,
     verbose_option,
 )
 from .encode import amount, bound_text
@@ -36,8 +36,7 @@ if TYPE_CHECKING:
 @click.argument("file", metavar="FILE")
 @click.option("--against", metavar="ORIGINAL", help="The recording that FILE was encoded from.")
 @input_format_option
-@click.option("--rate", help="Samples per second of ORIGINAL, if the file does not say.")
-@transpose_option
+@import_options
 @file_id_option
 @threads_option
 @memory_option
@@ -47,33 +46,32 @@ def verify(
     file: str,
     against: str | None,
     input_format: str | None,
-    rate: str | None,
-    transpose: bool | None,
     file_id: int | None,
     verbose: bool,
     as_json: bool,
     threads: int | None,
     max_memory: Limits,
+    **given: Any,
 ) -> int:
     """Check FILE against every rule: checksums, structure, packets, index, limits.
 
     With --against, each sample is compared with the original. The output counts the samples outside
     the error bound that the file states, and gives the largest error in percent of it. The exit
     code is 3 if a bound does not hold, or if samples are missing or invented. A channel without
-    an error bound must be identical.
+    an error bound must be identical. Give the options that encode got for the original, such as
+    --rate or --keep-stamps.
 
     \b
     hapfmt verify touch.hapf
     hapfmt verify touch.hapf --against original.npz
+    hapfmt verify lab.hapf --against lab.bag --keep-stamps
     """
     from ..reading.verifier import verify as verify_file
 
-    refuse_transpose(transpose, (against,), input_format)
+    options = options_by_input((against,), input_format, given)
     original = None
     if against:
-        original, _ = load_recording(
-            against, input_format, max_memory, rate=rate, transpose=transpose
-        )
+        original, _ = load_recording(against, input_format, max_memory, **options[against])
     with progress("verifying") as advance:
         report = verify_file(
             input_of(file),
