@@ -575,8 +575,7 @@ class TestNpz:
         assert notes == [
             "the rate of the file, 10 Hz, was overridden by 20 Hz",
             "the sample times (key 't') differ from a regular 20 Hz by up to 150 ms; only the "
-            "regular times are stored. To keep the others, store them as a channel of their own, "
-            "as --keep-stamps does for files",
+            "regular times are stored",
             "the times begin at 5.0 s, which became tick 0",
             "the unit '\u65e5' of channel 'ch1' is kept as 1",
             "the unit '\u65e5' of channel 'ch2' is kept as 1",

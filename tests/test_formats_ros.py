@@ -147,12 +147,36 @@ class TestTopics:
         ):
             read(path, select="/ft/wench")
 
+    def test_a_selected_channel_comes_without_the_notes_and_events_of_others(self, kind, folder):
+        with bag(folder, kind, "others") as one:
+            for row in range(300):
+                t = START + row * 10**6 + 60_000 * (row % 3)
+                one.put("/ft", t, one.wrench(t, [row] * 6))
+                one.put("/x", t, one.make("std_msgs/msg/Float64", row / 2))
+                if row in (3, 50):
+                    one.put("/say", t, one.make("std_msgs/msg/String", f"row {row}"))
+            one.put("/odd", START + 17, one.make("std_msgs/msg/Float64", 1.0))
+        path = path_of(folder, kind, "others")
+        assert {event.layer for event in read(path).events} == {"/say", "/odd"}
+        recording = read(path, select="wrench.force.y", keep_stamps=True)
+        assert recording.labels == ["wrench.force.y", "stamp"]
+        assert recording[0].to_numpy().tolist() == [*range(300)]
+        assert not recording.events
+        notes = recording.metadata["notes"]
+        assert notes and all("/ft" in note for note in notes)
+        assert all("/x" in note for note in read(path, select="/x").metadata["notes"])
+
     def test_same_labels_have_their_topic_in_front(self, kind, folder):
         with bag(folder, kind, "two") as one:
             for row in range(100):
                 for hand in ("left", "right"):
                     t = START + row * 10**7
                     one.put(f"/{hand}/ft", t, one.wrench(t, [row] * 6))
+        kept = read(path_of(folder, kind, "two"), keep_stamps=True)
+        assert [label for label in kept.labels if "stamp" in label] == [
+            "left/ft.stamp",
+            "right/ft.stamp",
+        ]
         recording = read(path_of(folder, kind, "two"))
         assert recording.labels[0] == "left/ft.wrench.force.x"
         assert recording.channels[6].group == "right/ft.wrench.force"
@@ -210,6 +234,58 @@ class TestTimes:
                 one.put("/ft", t, one.wrench(t, [row] * 6))
         with pytest.raises(ParameterError, match=r"topic /ft: .*(publishers|sources)"):
             read(path_of(folder, "mcap", "turns"))
+
+    @pytest.mark.parametrize("later_ns", [500_000, 413_000, 0])
+    def test_frames_that_take_turns_have_channels_each(self, kind, later_ns, folder):
+        name = f"frames_{later_ns}"
+        with bag(folder, kind, name) as one:
+            for row in range(300):
+                for hand, sign in (("left", 1), ("right", -1)):
+                    t = START + row * 10**6 + later_ns * (sign < 0)
+                    message = one.wrench(t, [sign * row] * 6, row)
+                    message.header.frame_id = hand
+                    one.put("/ft", t, message)
+        path = path_of(folder, kind, name)
+        recording = read(path)
+        assert [c.rate_exact for c in recording] == [1000] * 12
+        left, right = (recording[f"ft ({hand}).wrench.force.x"] for hand in ("left", "right"))
+        assert left.to_numpy().tolist() == [*range(300)]
+        assert right.to_numpy().tolist() == [-row for row in range(300)]
+        assert (left.device, right.device) == ("left", "right")
+        ticks = [c.tick for c in recording.clocks if c.channel == 6]
+        assert max(ticks) - min(ticks) == 299
+        text = "on topic /ft the frames 'left' and 'right' take turns; each has channels of its own"
+        assert text in recording.metadata["notes"]
+        only = read(path, select="/ft (right)")
+        assert len(only) == 6 and np.array_equal(only[0].to_numpy(), right.to_numpy())
+
+    def test_a_frame_that_changes_once_is_of_one_publisher(self, kind, folder):
+        with bag(folder, kind, "moved") as one:
+            for row in range(300):
+                t = START + row * 10**6
+                message = one.wrench(t, [row] * 6, row)
+                message.header.frame_id = "a" if row < 200 else "base"
+                one.put("/ft", t, message)
+        recording = read(path_of(folder, kind, "moved"))
+        assert recording.labels == FORCES
+        assert "the frame_id of topic /ft changes, and is not kept" in recording.metadata["notes"]
+
+    def test_numbers_that_come_twice_are_of_two_publishers(self, folder):
+        with bag(folder, "bag", "twice") as one:
+            for row in range(600):
+                t = START + row * 10**6
+                one.put("/ft", t, one.wrench(t, [row] * 6, row // 2))
+        with pytest.raises(ParameterError, match=r"topic /ft: .* come twice, so two publishers"):
+            read(path_of(folder, "bag", "twice"))
+
+    def test_a_publisher_without_messages_is_not_counted(self, folder):
+        with bag(folder, "bag", "silent") as one:
+            for row in range(200):
+                t = START + row * 10**6
+                one.put("/ft", t, one.wrench(t, [row] * 6, row), "/left")
+            kind = "geometry_msgs/msg/WrenchStamped"
+            one.writer.add_connection("/ft", kind, typestore=one.store, callerid="/right")
+        assert "publishers" not in str(read(path_of(folder, "bag", "silent")).metadata)
 
     def test_two_publishers_with_connections_have_channels_each(self, folder):
         with bag(folder, "bag", "callers") as one:
@@ -716,7 +792,7 @@ class TestSurvival:
         period = (last.time_ns - first.time_ns) / (last.tick - first.tick)
         stamps = {"header": np.array([self.stamp(row) for row in range(self.ROWS)])}
         stamps["log"] = stamps["header"] + 80_000 + np.arange(self.ROWS) % 7
-        kept = found["stamp"]
+        kept = found["ft.stamp"]
         ticks = np.concatenate([np.arange(*span) for span in kept.coverage])
         checks = {
             "numbers": ("exact", force.stored.tolist() == (rows / 7).tolist()),

@@ -68,6 +68,9 @@ IN_OPTIONS = {
     "(episode=)": "(--episode)",
     "(map=)": "(--map)",
     "(clock=)": "(--clock)",
+    "only the regular times are stored": (
+        "only the regular times are stored. To keep the others too, add --keep-stamps"
+    ),
     "(transpose=True)": "(--transpose)",
     "(transpose=False)": "(--no-transpose)",
     "(fps=)": "(--fps)",

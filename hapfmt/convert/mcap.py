@@ -249,12 +249,6 @@ class _McapFile:
                 known[key] = len(self.topics)
                 self.topics.append(topic)
             self.ids[_ChannelSource(part, channel.id)] = known[key]
-        for name in dict.fromkeys(names):
-            if names.count(name) > 1:
-                self.notes.append(
-                    f"{names.count(name)} publishers send on topic {name}; each has channels of "
-                    "its own"
-                )
         for one in records:
             if isinstance(one, Metadata):
                 self.metadata.setdefault(one.name, dict(one.metadata))

@@ -25,7 +25,7 @@ from ..units import to_ucum
 from .formats import ReadOptions
 from .ros_types import COVARIANCE, JOINTS, NOT_READ, TEXTS, meaning, plain
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
-from .timestamps import Placed, align, observations, place, stamp_channel
+from .timestamps import Placed, align, observations, place, stamp_channel, stamp_label
 
 ROWS = 2048
 """Messages of a topic that are decoded at a time, unless they are large."""
@@ -44,6 +44,11 @@ _STAMPS = ("header.stamp", "timestamp", "stamp", "header.timestamp", "time")
 
 
 _SEQUENCE = "header.seq"
+_FRAME = "header.frame_id"
+_FRAME_LIMIT = 64
+"""Frames of a topic that become topics of their own."""
+_IN_TURN = 0.05
+"""Share of messages with another frame than the one before, where frames take turns."""
 
 
 class MessageNumber(Protocol):
@@ -105,9 +110,10 @@ class TopicMessage(NamedTuple):
 
 
 class MessageFile(Protocol):
-    counts_all: bool
-    """Whether the sequence numbers count the messages of all topics together; known after a pass
-    over the messages."""
+    @property
+    def counts_all(self) -> bool:
+        """Whether the sequence numbers count the messages of all topics together; known after a
+        pass over the messages."""
 
     @property
     def topics(self) -> Sequence[Topic]: ...
@@ -141,13 +147,20 @@ class _TopicScan:
     """Paths of numbers that not all messages have."""
     texts: dict[str, str | None] = field(default_factory=dict)
     """None: it changes."""
+    frames: dict[str, int] = field(default_factory=dict)
+    """Number of each frame_id, in order of arrival."""
+    frame_of: array[int] = field(default_factory=lambda: array("H"))
+    """The number of the frame of each message."""
 
     def add(self, messages: Sequence[bytes]) -> None:
         assert self.topic.decoder is not None
         stamps = np.zeros(len(messages), np.int64)
         counts: NDArray[np.int64] | None = None
+        frames = np.zeros(len(messages), np.uint16)
         for part in self.topic.decoder.parts(messages):
             self._learn(part)
+            if _FRAME in part.texts:
+                frames[part.rows] = self._frames(part)
             if self.stamp_path in part.numbers:
                 assert self.stamp_path is not None
                 stamps[part.rows] = part.values(self.stamp_path)
@@ -155,8 +168,44 @@ class _TopicScan:
                 counts = np.zeros(len(messages), np.int64) if counts is None else counts
                 counts[part.rows] = part.values(_SEQUENCE)
         self.stamps.append(stamps)
+        self.frame_of.frombytes(frames.tobytes())
         if counts is not None:
             self.counts.append(counts)
+
+    def _frames(self, part: DecodedMessages) -> int | list[int]:
+        if part.is_constant(_FRAME):
+            return self._frame(part.text(_FRAME, 0))
+        return [self._frame(part.text(_FRAME, row)) for row in range(len(part.rows))]
+
+    def _frame(self, name: str) -> int:
+        """Frames beyond the limit share a number."""
+        if len(self.frames) > _FRAME_LIMIT:
+            return self.frames.get(name, _FRAME_LIMIT)
+        return self.frames.setdefault(name, len(self.frames))
+
+    def by_frame(self) -> dict[int, _TopicScan]:
+        """One for the number of each frame_id where they take turns, as those of several
+        publishers do, else {}."""
+        of = np.array(self.frame_of)
+        turns = np.count_nonzero(np.diff(of))
+        if not (1 < len(self.frames) <= _FRAME_LIMIT and turns > _IN_TURN * of.size + 1):
+            return {}
+        counts = np.concatenate(self.counts) if self.counts else np.zeros(0, np.int64)
+        found = {}
+        for name, number in sorted(self.frames.items()):
+            rows = of == number
+            publisher = ", ".join(text for text in (self.topic.publisher, name) if text)
+            found[number] = replace(
+                self,
+                topic=replace(self.topic, publisher=publisher),
+                logs=array("q", np.array(self.logs)[rows].tobytes()),
+                sequence=array("Q", bytes(8 * np.count_nonzero(rows))),
+                stamps=[np.concatenate(self.stamps)[rows]],
+                counts=[counts[rows]] if counts.size == rows.size else [],
+                texts={**self.texts, _FRAME: name},
+                frames={name: 0},
+            )
+        return found
 
     def _learn(self, part: DecodedMessages) -> None:
         if self.is_first:
@@ -183,6 +232,46 @@ class _TopicScan:
         self.is_first = False
 
 
+class _SplitFile:
+    """A file whose topics are split by their frames. ``numbers``: of the topic of each frame."""
+
+    def __init__(self, file: MessageFile) -> None:
+        self.file = file
+        self.topics = list(file.topics)
+        self.numbers: dict[int, dict[int, int]] = {}
+        self.frame_of: dict[int, Sequence[int]] = {}
+
+    @property
+    def counts_all(self) -> bool:
+        return self.file.counts_all
+
+    def split(self, number: int, scan: _TopicScan) -> dict[int, _TopicScan]:
+        parts = scan.by_frame()
+        if not parts:
+            return {number: scan}
+        self.frame_of[number] = scan.frame_of
+        first = len(self.topics)
+        self.numbers[number] = {frame: first + place_ for place_, frame in enumerate(parts)}
+        self.topics += [part.topic for part in parts.values()]
+        return dict(enumerate(parts.values(), start=first))
+
+    def messages(self, wanted: set[int]) -> Iterator[TopicMessage]:
+        whole = {number for number, own in self.numbers.items() if wanted & {*own.values()}}
+        done = dict.fromkeys(whole, 0)
+        for message in self.file.messages((wanted | whole) & set(range(len(self.file.topics)))):
+            number = message.topic
+            if number not in done:
+                yield message
+                continue
+            row = done[number]
+            done[number] += 1
+            if row >= len(self.frame_of[number]):
+                raise ParameterError("the rows of the file changed while it was read")
+            part = self.numbers[number][self.frame_of[number][row]]
+            if part in wanted:
+                yield message._replace(topic=part)
+
+
 class _WidenedNumber(NamedTuple):
     dtype: np.dtype[Any]
     length: int | None
@@ -204,9 +293,23 @@ def read_messages(
 
 class _MessageReading:
     def __init__(self, file: MessageFile, options: ReadOptions, notes: list[str]) -> None:
-        self.file = file
+        self.file = _SplitFile(file)
         self.options = options
-        self.notes = notes
+        self.notes: list[tuple[str, str]] = [("", note) for note in notes]
+        """With the title of the topic, where it is of one."""
+
+    def note(self, topic: Topic, text: str) -> None:
+        self.notes.append((topic.title, text))
+
+    def notes_of(self, titles: set[str]) -> tuple[str, ...]:
+        if not self.options.select:
+            return tuple(note for _, note in self.notes)
+        return tuple(note for title, note in self.notes if not title or title in titles)
+
+    def is_named(self, topic: Topic) -> bool:
+        """Whether it is selected by its name, or nothing is selected."""
+        patterns = self.options.select
+        return not patterns or any(_matches(topic, pattern) for pattern in patterns)
 
     def found(
         self, metadata: Mapping[str, Any], attachments: Mapping[str, tuple[str, bytes]]
@@ -223,7 +326,7 @@ class _MessageReading:
         eventful: list[int] = []
         for number, scan in scans.items():
             if not scan.logs:
-                self.notes.append(f"topic {scan.topic.title} has no messages")
+                self.note(scan.topic, f"topic {scan.topic.title} has no messages")
                 continue
             clocks[number], stamps[number] = self.stamps_of(scan)
             is_text = plain(scan.topic.kind) in TEXTS
@@ -244,11 +347,13 @@ class _MessageReading:
             if is_text or has_columns or scan.numbers.keys() <= {scan.stamp_path, _SEQUENCE}:
                 eventful.append(number)
             if has_columns:
-                self.notes.append(
+                self.note(
+                    scan.topic,
                     f"topic {scan.topic.title} has no steady rate; its "
-                    f"{counted(len(scan.logs), 'message')} are events"
+                    f"{counted(len(scan.logs), 'message')} are events",
                 )
         self.check_clocks(clocks, stamps)
+        eventful = [number for number in eventful if self.is_named(scans[number].topic)]
         events = self.raw_events(eventful, scans, stamps)
         first = min((time_ns for time_ns, _, _ in events), default=None)
         order = [*placed]
@@ -263,6 +368,12 @@ class _MessageReading:
             for n, start in zip(order, starts[: len(order)], strict=True)
         ]
         selected = self.selected(tables, [scans[n].topic for n in order])
+        chosen = [place_ for place_, wanted in enumerate(selected) if wanted]
+        order = [order[place_] for place_ in chosen]
+        tables = [tables[place_] for place_ in chosen]
+        selected = [selected[place_] for place_ in chosen]
+        titles = {scans[n].topic.title for n in scans if self.is_named(scans[n].topic)}
+        titles |= {scans[n].topic.title for n in order}
         reading = _SecondPass(self.file, order, scans, columns, selected)
         extra = []
         if self.options.keep_stamps:
@@ -273,7 +384,7 @@ class _MessageReading:
                     )
                 )
                 one = tables[place_]
-                label = f"{names[number]}stamp"
+                label = stamp_label(scans[number].topic.title, len(order))
                 column = ImportColumn(label, "ns", dtype=np.dtype(np.int64))
                 tables[place_] = replace(one, columns=(*one.columns, column))
                 selected[place_].append(len(one.columns))
@@ -292,7 +403,7 @@ class _MessageReading:
                 Event(Fraction(time_ns - epoch_ns, 10**9), text, layer=layer)
                 for time_ns, text, layer in events
             ),
-            notes=tuple(self.notes),
+            notes=self.notes_of(titles),
             clocks=tuple(self.observed(order, scans, placed, final)),
         )
 
@@ -327,9 +438,11 @@ class _MessageReading:
         if patterns and all(named.values()):
             asked = set().union(*named.values())
             for n in sorted(asked - able):
-                self.notes.append(self.why_not(topics[n]))
+                self.note(topics[n], self.why_not(topics[n]))
             return asked & able
-        self.notes += [self.why_not(t) for n, t in enumerate(topics) if n not in able]
+        for n, topic in enumerate(topics):
+            if n not in able:
+                self.note(topic, self.why_not(topic))
         return able
 
     @staticmethod
@@ -390,7 +503,7 @@ class _MessageReading:
                 scan.add([message.data for message in messages])
             except LimitError as error:
                 broken.add(number)
-                self.notes.append(f"topic {scan.topic.title} is not read: {error}")
+                self.note(scan.topic, f"topic {scan.topic.title} is not read: {error}")
                 return
             except ParameterError as error:
                 raise ParameterError(f"topic {scan.topic.title}: {error}") from error
@@ -405,29 +518,55 @@ class _MessageReading:
                     "bytes allowed; allow more (max_memory=) or select topics (select=)"
                 )
             learn(number, messages)
-        return {n: scan for n, scan in scans.items() if n not in broken}
+        found: dict[int, _TopicScan] = {}
+        for n, scan in scans.items():
+            if n not in broken:
+                parts = self.file.split(n, scan)
+                found |= parts
+                if n not in parts:
+                    names = " and ".join(repr(name) for name in sorted(scan.frames))
+                    text = f"on topic {scan.topic.title} the frames {names} take turns; each has "
+                    for part in parts.values():
+                        self.note(part.topic, f"{text}channels of its own")
+        self.note_publishers(found)
+        return found
+
+    def note_publishers(self, scans: Mapping[int, _TopicScan]) -> None:
+        senders: dict[str, list[Topic]] = {}
+        for n, scan in scans.items():
+            if n < len(self.file.file.topics) and scan.logs:
+                senders.setdefault(scan.topic.name, []).append(scan.topic)
+        for name, found in senders.items():
+            if len(found) > 1 and any(topic.publisher for topic in found):
+                text = f"{len(found)} publishers send on topic {name}; each has channels of its own"
+                for topic in found:
+                    self.note(topic, text)
 
     def stamps_of(self, scan: _TopicScan) -> tuple[str, NDArray[np.int64]]:
         logs = np.array(scan.logs, np.int64)
         stamps = np.concatenate(scan.stamps)
         if scan.stamp_path is None or not stamps.any():
             if scan.stamp_path is not None and self.options.clock != "log":
-                self.notes.append(
-                    f"the header stamps of topic {scan.topic.title} are all 0; its log times count"
+                self.note(
+                    scan.topic,
+                    f"the header stamps of topic {scan.topic.title} are all 0; its log times count",
                 )
             return "log", logs
         return ("log", logs) if self.options.clock == "log" else ("header", stamps)
 
     def sequence_of(self, scan: _TopicScan) -> NDArray[Any] | None:
         """Numbers that count the messages of this topic: of the headers, else of the file."""
+        share = 0.9
         if scan.counts:
             numbers = np.concatenate(scan.counts).astype(np.uint32)
+            share = _IN_TURN
         elif self.file.counts_all:
             return None
         else:
             numbers = np.array(scan.sequence, np.uint32)
         steps = np.count_nonzero(np.diff(numbers))
-        return numbers if numbers.size == len(scan.logs) and steps > 0.9 * len(scan.logs) else None
+        counts = numbers.size == len(scan.logs) and steps > share * len(scan.logs)
+        return numbers if counts else None
 
     def check_clocks(
         self, clocks: Mapping[int, str], stamps: Mapping[int, NDArray[np.int64]]
@@ -466,27 +605,30 @@ class _MessageReading:
             else:
                 found += self.columns_at(scan, path, number)
         if noise:
-            self.notes.append(f"covariances of topic {topic.title} are not read")
+            self.note(topic, f"covariances of topic {topic.title} are not read")
         for path in lengths:
             counts = sorted(scan.varying.get(path, {0}))
-            self.notes.append(
+            self.note(
+                topic,
                 f"the array {path} of topic {topic.title} has {counts[0]} to {counts[-1]} values, "
-                "and is not read"
+                "and is not read",
             )
         for path, count in long:
-            self.notes.append(
-                f"the array {path} of topic {topic.title} has {count} values, and is not read"
+            self.note(
+                topic,
+                f"the array {path} of topic {topic.title} has {count} values, and is not read",
             )
         if plain(topic.kind) == JOINTS and any(column.path == "position" for column in found):
-            self.notes.append(
+            self.note(
+                topic,
                 f"the joints of topic {topic.title} count as hinges, with rad and N.m; the types "
-                "of messages do not tell which of them slide"
+                "of messages do not tell which of them slide",
             )
-        texts = [p for p, t in scan.texts.items() if t is None and p != "header.frame_id"]
+        texts = [p for p, t in scan.texts.items() if t is None and p != _FRAME]
         if texts and found:
-            self.notes.append(f"texts of topic {topic.title} are not read: {', '.join(texts[:5])}")
-        if "header.frame_id" in scan.texts and scan.texts["header.frame_id"] is None:
-            self.notes.append(f"the frame_id of topic {topic.title} changes, and is not kept")
+            self.note(topic, f"texts of topic {topic.title} are not read: {', '.join(texts[:5])}")
+        if _FRAME in scan.texts and scan.texts[_FRAME] is None:
+            self.note(topic, f"the frame_id of topic {topic.title} changes, and is not kept")
         return found
 
     def columns_at(
@@ -514,7 +656,7 @@ class _MessageReading:
                     about.quantity,
                     axis,
                     group,
-                    device=scan.texts.get("header.frame_id") or "",
+                    device=scan.texts.get(_FRAME) or "",
                     calibration=Calibration() if is_counts else None,
                     dtype=np.dtype(np.int32) if is_counts else dtype,
                     source_unit=source,
@@ -576,9 +718,10 @@ class _MessageReading:
         for number in numbers:
             if len(scans[number].logs) > _EVENT_LIMIT:
                 wanted.discard(number)
-                self.notes.append(
+                self.note(
+                    scans[number].topic,
                     f"topic {scans[number].topic.title} has too many messages without a rate, "
-                    f"{len(scans[number].logs)}; they are not read"
+                    f"{len(scans[number].logs)}; they are not read",
                 )
         if not wanted:
             return []

@@ -125,7 +125,7 @@ def _refused() -> Iterator[None]:
 
 def _read_bag(reader: Any, options: ReadOptions, prepare: Callable[[Any, int], None]) -> Import:
     file = _BagFile(reader, options, prepare)
-    return read_messages(file, options, notes=file.notes)
+    return read_messages(file, options)
 
 
 class _BagFile:
@@ -137,7 +137,6 @@ class _BagFile:
         self.reader = reader
         self.options = options
         self.prepare = prepare
-        self.notes: list[str] = []
         self.topics: list[Topic] = []
         self.ids: dict[int, int] = {}
         self.counts_all = False
@@ -173,11 +172,6 @@ class _BagFile:
                 several = len(senders[one.topic]) > 1
                 self.topics.append(self._topic(one, is_ros1, sender or "" if several else ""))
             self.ids[one.id] = known[key]
-        for name, found in senders.items():
-            if len(found) > 1:
-                self.notes.append(
-                    f"{len(found)} publishers send on topic {name}; each has channels of its own"
-                )
 
     @staticmethod
     def _topic(one: Connection, is_ros1: bool, publisher: str) -> Topic:

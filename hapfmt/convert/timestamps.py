@@ -17,7 +17,7 @@ from ..errors import ParameterError
 from ..limits import TICK_LIMIT
 from ..numbers import rdiv
 from ..recording import Channel, spans_at
-from ..times import STEADY, CountedRows, TickGrid, TimeStamps, in_words
+from ..times import STEADY, CountedRows, TickGrid, TimeStamps, in_words, is_scattered
 from .common import refusing
 
 _FEWEST_ROWS, _FEW_ROWS, _MANY_ROWS = 3, 8, 64
@@ -25,10 +25,6 @@ _FEWEST_ROWS, _FEW_ROWS, _MANY_ROWS = 3, 8, 64
 need to be counted."""
 _SMALL_JITTER = 0.25
 """Ticks: less than 64 rows are regular if all of them are nearer to their ticks."""
-_SCATTERED = 0.3
-"""Variance of the rows in a time, by their mean: 1 of random rows, 0 of regular ones."""
-_AT_ONCE = 0.1
-"""Share of the mean step below which rows came in one burst."""
 _SET_BACK_ROWS, _AROUND = 32, 7
 """A clock was set where its stamps go back by more than 32 periods, for 7 rows and longer."""
 _RESTART_NUMBERS = 32
@@ -111,11 +107,13 @@ def _placed(
     try:
         found = TimeStamps.of_ns(steady).find(rate, numbers=numbers, nominal=True)
     except ParameterError:
-        if rate is None and (stamps.size < _MANY_ROWS or _is_scattered(steady, numbers)):
+        if rate is None and (
+            stamps.size < _MANY_ROWS or is_scattered((steady - steady[0]) / 1e9, numbers)
+        ):
             return None
         raise
     numbered = rate is None and not found.is_exact and numbers is not None
-    if numbered and _is_scattered(steady, numbers):
+    if numbered and is_scattered((steady - steady[0]) / 1e9, numbers):
         return None
     late = (steady - steady[0]) / 1e9 - found.ticks * found.period_s
     start = found.offset_s if rate is None else float(np.median(late))
@@ -155,10 +153,13 @@ def _unwrapped(
     numbers = sequence.astype(np.int64)
     steps = np.diff(numbers) % limit
     back = np.where(steps >= limit // 2, limit - steps, 0)
-    often = np.count_nonzero(back) > _IN_TURN * stamps.size + 1
-    if often and rate is None:
+    many = _IN_TURN * stamps.size + 1
+    often = np.count_nonzero(back) > many
+    twice = np.count_nonzero((steps == 0) & (np.diff(stamps) != 0)) > many
+    if (often or twice) and rate is None:
+        how = "go back and forth" if often else "come twice"
         raise ParameterError(
-            "the sequence numbers go back and forth, so two publishers seem to send in turn; "
+            f"the sequence numbers {how}, so two publishers seem to send in turn; "
             "store each as a file of its own, or give a rate (rate=)"
         )
     again = (back > _RESTART_NUMBERS) | ((back > 0) & (numbers[1:] <= 1))
@@ -198,21 +199,6 @@ def _steady(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.int64]:
             )
             steps[row] = period
     return np.concatenate((stamps[:1], stamps[0] + np.cumsum(steps)))
-
-
-def _is_scattered(stamps: NDArray[np.int64], numbers: NDArray[np.float64] | None) -> bool:
-    """Whether rows come like random ones, in bursts or alone, rather than at a rate."""
-    steps = np.diff(stamps) / 1e9
-    alone = np.flatnonzero(steps > _AT_ONCE * steps.mean())
-    lag = min(max(alone.size // 16, 1), 16)
-    if alone.size <= lag:
-        return False
-    times = np.cumsum(steps)[alone]
-    counts = np.arange(alone.size) if numbers is None else numbers[1:][alone]
-    rows = counts[lag:] - counts[:-lag]
-    low, middle, high = np.quantile((times[lag:] - times[:-lag]) / rows, (0.25, 0.5, 0.75))
-    # The quartiles of a normal distribution are 1.349 standard deviations apart.
-    return float(((high - low) / 1.349 / middle) ** 2 * np.median(rows)) > _SCATTERED
 
 
 def _notes(found: CountedRows, moved: float, drift_ppm: float) -> list[str]:
@@ -286,6 +272,11 @@ def stamp_channel(
     """
     ticks = placed.ticks + start_tick
     return np.asarray(stamps_ns, np.int64) - _tick_times(ticks, placed.rate, epoch_ns)
+
+
+def stamp_label(table: str, count: int) -> str:
+    """The label of the channel that keeps the stamps of a table. ``count``: of such tables."""
+    return f"{table.strip('/')}.stamp" if count > 1 else "stamp"
 
 
 def kept_stamps(stamps_ns: Sequence[int], grid: TickGrid) -> Channel:
