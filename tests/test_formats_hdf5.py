@@ -237,6 +237,15 @@ class TestLayouts:
         assert found[0].rate_exact == 10
         assert notes(found) == ["the rate of the file, 100 Hz, was overridden by 10 Hz"]
 
+    def test_a_file_that_is_cut_off(self) -> None:
+        data = made(lambda file: put(file, "x", RNG.random(5000), fs=10))
+        half = len(data) // 2
+        with pytest.raises(
+            ParameterError,
+            match=f"cannot be opened: it is cut off: {half} of {len(data)} bytes are there; copy it",
+        ):
+            read(data[:half])
+
     def test_a_rate_as_a_data_set(self) -> None:
         def fill(file: Any) -> None:
             put(file, "g/x", np.arange(5000.0))

@@ -303,7 +303,10 @@ class TestHostile:
     def test_a_cut_file(self) -> None:
         data = written([channel("g", "x", np.arange(100), **WAVE)])[:-80]
         assert read(data)["x"].stored.tolist() == list(range(90))
-        assert notes(data) == ["the file ends within a segment; what comes before is read"]
+        assert notes(data) == [
+            "the file is cut off in its last segment; the values up to there are read, the rest is "
+            "lost"
+        ]
 
     @pytest.mark.parametrize(
         "data",
