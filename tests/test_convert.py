@@ -486,7 +486,7 @@ def channel(x: Any, rate: Fraction | int = 10, **described: Any) -> Channel:
 PCM = Calibration(1, 0, 1 << 15)
 NOT_WRITTEN: dict[str, tuple[str, list[Channel]]] = {
     "a recording without channels cannot be written as .csv": ("csv", []),
-    ".csv holds one rate, the channels have 1 Hz, 2 Hz; use .npz": (
+    r".csv holds one rate, the channels have 1 Hz, 2 Hz; .* \(sel\), or use .npz": (
         "csv", [channel([1.0], 1), channel([1.0], 2)],
     ),
     ".npy holds one rate": ("npy", [channel([1.0], 1), channel([1.0], 2)]),

@@ -74,6 +74,9 @@ IN_OPTIONS = {
     "(transpose=True)": "(--transpose)",
     "(transpose=False)": "(--no-transpose)",
     "(fps=)": "(--fps)",
+    "choose those of one rate (sel)": (
+        "choose those of one rate with --select (convert) or --channels (decode)"
+    ),
     "(clock='frame_index')": "(--clock frame_index)",
     "(clock='timestamp')": "(--clock timestamp)",
     "such as rate=1000": "such as --rate 1000",

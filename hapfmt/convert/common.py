@@ -238,7 +238,10 @@ def one_rate(recording: Recording, suffix: str) -> Fraction:
         raise ParameterError(f"a recording without channels cannot be written as {suffix}")
     if len(rates) > 1:
         listed = ", ".join(f"{rate} Hz" for rate in sorted(rates)[:5])
-        raise ParameterError(f"{suffix} holds one rate, the channels have {listed}; use .npz")
+        raise ParameterError(
+            f"{suffix} holds one rate, the channels have {listed}; choose those of one "
+            "rate (sel), or use .npz"
+        )
     return rates.pop()
 
 
