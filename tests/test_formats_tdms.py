@@ -104,6 +104,22 @@ class TestChannels:
             read(data)
         assert read(data, rate=50)["x"].rate_exact == 50
 
+    @pytest.mark.parametrize(
+        ("name", "unit", "code", "said"),
+        [
+            ("Beschl", "g", "[g]", "is read as [g], since its name says acceleration"),
+            ("accX", "mg", "m[g]", "is read as m[g], since its name says acceleration"),
+            ("load", "g", "g", "is mass; [g] is acceleration"),
+            ("accuracy", "mg", "mg", "is mass; [g] is acceleration"),
+            ("acc", "gram", "g", ""),
+            ("acc", "[g]", "[g]", ""),
+        ],
+    )
+    def test_g_is_gram_or_gravity(self, name: str, unit: str, code: str, said: str) -> None:
+        back = read(written([channel("h", name, [1.5], unit_string=unit, **WAVE)]))
+        assert back[name].unit == code
+        assert [said in note for note in back.metadata.get("notes", [])] == [True] * bool(said)
+
     def test_a_given_rate_leaves_those_of_the_file(self) -> None:
         data = written([
             channel("g", "x", [1.5] * 4, wf_increment=0.002),

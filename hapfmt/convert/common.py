@@ -31,6 +31,9 @@ BLOCK_SIZE = 1 << 20
 _RATE = re.compile(r"\d{1,40}/\d{1,40}|(?:\d{1,40}\.?\d{0,40}|\.\d{1,40})(?:e[+-]?\d{1,2})?", re.A)
 """Bounded, since Fraction("1e999999999") would compute all of its digits."""
 
+_GRAVITIES = {"g": "[g]", "mg": "m[g]"}
+_ACCELERATION = re.compile(r"(?i:acc(?=el|[xyz]?(?:[^a-z]|$))|beschl)|acc(?=[A-Z])|Acc(?=[A-Z])")
+
 
 def rate_from(value: Fraction | float | str) -> Fraction:
     """Ticks per second, exactly: 35.618 (the shortest decimal of the float) is 17809/500."""
@@ -154,6 +157,11 @@ def exact_doubles(x: NDArray[Any], what: str) -> NDArray[np.float64]:
     return doubles
 
 
+def are_doubles(x: NDArray[Any]) -> bool:
+    """Whether a double is equal to each of these 64-bit integers."""
+    return bool(_fits_53_bits(x).all())
+
+
 def _fits_53_bits(x: NDArray[Any]) -> NDArray[np.bool_]:
     """Whether each 64-bit integer has at most 53 bits between its first and its last 1."""
     magnitude = x.astype(np.uint64)
@@ -243,9 +251,20 @@ def one_rate(recording: Recording, suffix: str) -> Fraction:
     return rates.pop()
 
 
-def unit_of(text: str, label: str, notes: list[str]) -> str:
-    """UCUM code of a unit text, with a note where the code lost characters of it."""
+def unit_of(text: str, label: str, notes: list[str], *, about: str = "") -> str:
+    """UCUM code of a unit text, with a note where the code lost characters of it.
+
+    "g" is [g] where the label, or ``about``, says acceleration. Otherwise a note says what it is.
+    """
     code = to_ucum(text)
+    if code in _GRAVITIES and "gram" not in text.casefold():
+        if _ACCELERATION.search(f"{label} {about}") is not None:
+            code = _GRAVITIES[code]
+            notes.append(
+                f"the unit of channel {label!r} is read as {code}, since its name says acceleration"
+            )
+        else:
+            notes.append(f"the unit {code} of channel {label!r} is mass; [g] is acceleration")
     if (typo := unknown_unit(text, typos_only=True)) is not None:
         warnings.warn(typo, DataWarning, stacklevel=2)
     if not text.isascii() and (code == "1" or code.startswith("{")):

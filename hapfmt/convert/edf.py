@@ -313,7 +313,7 @@ def _column(signal: EdfSignal, header: EdfHeader, notes: list[str]) -> ImportCol
         )
     return ImportColumn(
         signal.label,
-        unit_of(signal.unit, signal.label, notes),
+        unit_of(signal.unit, signal.label, notes, about=signal.transducer),
         device=signal.transducer,
         calibration=calibration,
         dtype=np.dtype(np.int16 if header.size == 2 else np.int32)

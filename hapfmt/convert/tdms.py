@@ -462,7 +462,7 @@ def _table(channel: TdmsChannel, label: str, zero: int | None, notes: list[str])
     )
     column = ImportColumn(
         label,
-        unit_of(text, label, notes),
+        unit_of(text, label, notes, about=channel.group),
         group=channel.group,
         calibration=channel.calibration,
         dtype=channel.dtype,

@@ -27,6 +27,8 @@ _SMALL_JITTER = 0.25
 """Ticks: less than 64 rows are regular if all of them are nearer to their ticks."""
 _SET_BACK_ROWS, _AROUND = 32, 7
 """A clock was set where its stamps go back by more than 32 periods, for 7 rows and longer."""
+_DATES = 10**17
+"""ns, three years: times from here on count from 1970."""
 _RESTART_NUMBERS = 32
 """Numbers that go back by more, or to 0 or 1, begin again. Others came in another order."""
 _IN_TURN = 0.05
@@ -81,19 +83,23 @@ def place(
 
 
 def place_at_need(
-    stamps_ns: NDArray[np.int64], given: Fraction | None, *, name: str
+    stamps_ns: NDArray[np.int64],
+    given: Fraction | None,
+    *,
+    name: str,
+    sequence: ArrayLike | None = None,
 ) -> tuple[Placed | None, bool]:
     """As :func:`place`; at the rate that the caller gives, only where the stamps tell none. And
     whether that was so."""
     try:
-        found = place(stamps_ns, name=name)
+        found = place(stamps_ns, name=name, sequence=sequence)
     except ParameterError:
         if given is None:
             raise
         found = None
     if found is not None or given is None:
         return found, False
-    return place(stamps_ns, name=name, rate=given), True
+    return place(stamps_ns, name=name, rate=given, sequence=sequence), True
 
 
 def _placed(
@@ -179,6 +185,11 @@ def _unwrapped(
 
 def _steady(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.int64]:
     """The stamps without the steps of a clock that was set back."""
+    if (row := restart(stamps)) is not None:
+        raise ParameterError(
+            f"the times start again after row {row + 1}, so the rows are of several recordings; "
+            "store each as a file of its own"
+        )
     steps = np.diff(stamps)
     period = int(np.median(steps)) if steps.size else 0
     limit = -_SET_BACK_ROWS * max(period, 1)
@@ -199,6 +210,27 @@ def _steady(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.int64]:
             )
             steps[row] = period
     return np.concatenate((stamps[:1], stamps[0] + np.cumsum(steps)))
+
+
+def restart(stamps: NDArray[np.int64]) -> int | None:
+    """The last row before times that count from no date start again; None where they do not.
+
+    Dates that go back are those of a clock that was set.
+    """
+    if stamps.size < 2 or stamps[0] >= _DATES:
+        return None
+    steps = np.diff(stamps)
+    period = max(int(np.median(steps)), 1)
+    places = np.flatnonzero(steps < 0)
+    if places.size > _IN_TURN * stamps.size + 1:
+        return None
+    for row in places.tolist():
+        before = np.median(stamps[max(row + 1 - _AROUND, 0) : row + 1] - stamps[0])
+        after = np.median(stamps[row + 1 : row + 1 + _AROUND] - stamps[0])
+        is_first = stamps[row + 1] <= stamps[0] + period
+        if after < before and (is_first or after - before < -_SET_BACK_ROWS * period):
+            return int(row)
+    return None
 
 
 def _notes(found: CountedRows, moved: float, drift_ppm: float) -> list[str]:
