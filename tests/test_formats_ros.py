@@ -513,6 +513,8 @@ class TestJson:
         odd = writer.register_channel("/odd", "flatbuffer", log)
         writer.add_message(texts, 10**18, b'{"message": "began", "level": 2}', 0)
         writer.add_message(odd, 10**18, b"?", 0)
+        plain = writer.register_channel("/plain", "x-own", 0)
+        writer.add_message(plain, 10**18, b"?", 0)
         writer.add_attachment(0, 0, "notes.txt", "text/plain", b"hello")
         writer.add_metadata("robot", {"arm": "left"})
         writer.finish()
@@ -523,6 +525,9 @@ class TestJson:
         assert (
             "topic /odd (foxglove.Log) is not read: messages with the encoding 'flatbuffer' are not known"
             in recording.metadata["notes"]
+        )
+        assert any(
+            note.startswith("topic /plain is not read: ") for note in recording.metadata["notes"]
         )
 
 

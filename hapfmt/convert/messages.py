@@ -470,9 +470,10 @@ class _MessageReading:
     @staticmethod
     def why_not(topic: Topic) -> str:
         what = NOT_READ.get(plain(topic.kind))
+        name = f"{topic.title} ({topic.kind})" if topic.kind else topic.title
         if what is not None:
-            return f"{what} of topic {topic.title} ({topic.kind}) are not read"
-        return f"topic {topic.title} ({topic.kind}) is not read: {topic.reason}"
+            return f"{what} of topic {name} are not read"
+        return f"topic {name} is not read: {topic.reason}"
 
     def selected(self, tables: Sequence[ImportTable], topics: Sequence[Topic]) -> list[list[int]]:
         """The columns of each table that are wanted."""
@@ -499,7 +500,7 @@ class _MessageReading:
                     *(column.label for table in tables for column in table.columns),
                 ]
                 near = similar(pattern, known, 0.6)
-                hint = f"; did you mean {near!r}?" if near else ""
+                hint = f"; did you mean {near!r}?" if near else "."
                 listed = ", ".join(known[:20]) + (" ..." if len(known) > 20 else "")
                 raise ParameterError(
                     f"no topic or channel is called {pattern!r}{hint} There are: {listed}"
