@@ -439,6 +439,7 @@ class TestRefused:
         [
             ({"format": "mp3"}, "no format is called 'mp3'"),
             ({"format": "csv", "rate": "fast"}, "'fast' is not a rate in Hz"),
+            ({"format": "csv", "rate": "1kHz"}, "'1kHz' is not a rate in Hz"),
             ({"format": "csv", "rate": 0}, "a rate is a fraction"),
             ({"format": "csv", "rate": float("inf")}, "'inf' is not a rate"),
             ({"format": "csv", "rate": "1e999999999"}, "'1e999999999' is not a rate"),

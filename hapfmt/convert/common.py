@@ -39,9 +39,10 @@ def rate_from(value: Fraction | float | str) -> Fraction:
     """Ticks per second, exactly: 35.618 (the shortest decimal of the float) is 17809/500."""
     if isinstance(value, float) and isfinite(value):
         value = hertz(value)
-    text = str(value).strip().lower()
+    given = str(value).strip()
+    text = given.lower()
     if _RATE.fullmatch(text) is None or re.search("/0+$", text):
-        raise ParameterError(f"{text[:40]!r} is not a rate in Hz, such as 1000, 35.618 or 44100/7")
+        raise ParameterError(f"{given[:40]!r} is not a rate in Hz, such as 1000, 35.618 or 44100/7")
     return checked_rate(Fraction(text))
 
 
