@@ -437,3 +437,20 @@ def test_integer_times_of_an_archive(unit: str, first: int, step: int, rated: bo
 def test_small_integers_of_an_archive_are_seconds() -> None:
     found = read(archive(t=np.arange(5) * 2, x=np.arange(5.0)), format="npz")
     assert found[0].rate_exact == Fraction(1, 2) and not found.metadata
+
+
+def test_a_first_column_of_another_name_that_may_hold_times() -> None:
+    rows = [f"{row / 500:.3f};{row % 7}\n" for row in range(100)]
+    source = ("Zeit;Kraft\n" + "".join(rows)).encode()
+    with pytest.raises(
+        ParameterError, match=r"If 'Zeit' holds times, call it 't', .* as 'Zeit \[ms\]'"
+    ):
+        read(io.BytesIO(source), format="csv")
+    found = read(io.BytesIO(source), format="csv", rate=500)
+    assert found.labels == ["Zeit", "Kraft"]
+    assert found.metadata["notes"][0].startswith("'Zeit' rises evenly, as times do, and became")
+    for first in (b"7;", b"0.01;"):
+        other = source.replace(b"0.100;", first)
+        assert not read(io.BytesIO(other), format="csv", rate=500).metadata
+    named = read(io.BytesIO(source.replace(b"Zeit", b"Zeit [s]")), format="csv")
+    assert named.labels == ["Kraft"] and named[0].rate_exact == 500
