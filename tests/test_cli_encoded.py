@@ -60,7 +60,8 @@ def test_reasons_come_with_verbose_alone(tmp_path: Path) -> None:
 def test_equal_neighbours_of_many_channels_share_a_line(tmp_path: Path) -> None:
     source = saved(tmp_path, counts(20, 400))
     grouped = lines_of(source, tmp_path / "a.hapf")
-    assert len(grouped) == 4 and grouped[2].startswith("f0 and 19 more  lossless")
+    assert len(grouped) == 5 and "-v or --json shows each channel" in grouped[3]
+    assert grouped[2].startswith("f0 and 19 more  lossless")
     size = int(re.split(r"  +", grouped[2])[3])
     told = json.loads(called("encode", source, tmp_path / "b.hapf", "--json").out)
     assert size == sum(each["size"] for each in told["channels"])

@@ -121,6 +121,8 @@ def show(
         Column("largest error"),
     ]  # fmt: skip
     table(headers, [row.cells() for row in rows])
+    if len(rows) < len(summary.decisions):
+        say("(neighbours that were kept alike share a line; -v or --json shows each channel)")
     if verbose:
         for each in summary.decisions:
             axes = f", {each.axis_count} axes" if each.axis_count > 1 else ""
