@@ -33,6 +33,10 @@ _EXACT = Context(prec=160)
 """Holds the sum of any two stamps without rounding."""
 _FINEST, _LARGEST = -60, 40
 """Powers of ten, s: the decimals of a stamp and its size, far beyond any clock."""
+_SCATTERED = 0.3
+"""Variance of the rows in a time, by their mean: 1 of random rows, 0 of regular ones."""
+_AT_ONCE = 0.1
+"""Share of the mean step below which rows came in one burst."""
 _FEW_GAPS = 3
 """Up to this many missing rows are accepted, although rounding could explain them as well. More of
 them, evenly spread, are due to rounding: 875 Hz in whole ms looks like 1 kHz with every eighth row
@@ -232,16 +236,7 @@ class TimeStamps:
         Raises ParameterError, with the worst deviation, where the stamps are not regular.
         """
         found = self.find(rate)
-        notes = found.notes
-        offset = self.first + Fraction(found.offset_s)
-        start = round(offset * found.rate)
-        if start < 0 <= self.first:
-            start = 0
-        if found.tolerance_s is not None:
-            shift = abs(float(offset - start / found.rate))
-            if shift > max(2 * found.tolerance_s, STEADY / float(found.rate)):
-                notes += (f"the times lie {shift:.3g} s beside the ticks of {found.rate} Hz",)
-        return self._started(found, start, notes)
+        return self._started(found)
 
     def find(
         self,
@@ -300,8 +295,7 @@ class TimeStamps:
                 raise _several(counted.sources)
             raise ParameterError(
                 f"the times are not regular: they deviate by up to {line.spread:.3g} s from a "
-                f"grid of {1 / line.period:.6g} Hz; give a rate (rate=) to move each row to the "
-                "nearest tick"
+                f"grid of {1 / line.period:.6g} Hz; {self._advice()}"
             )
         if nominal and numbers is None and self.resolution <= _FINE * line.period:
             sources = count_sources(lines[0].times, line.period)
@@ -345,11 +339,16 @@ class TimeStamps:
             order = np.arange(len(times), dtype=np.float64)
             ticks = order + np.maximum.accumulate(ticks - order)
             moved = float(np.abs(ticks - wanted).max())
+            unfit = (
+                f"the times do not fit a rate of {float(rate):.6g} Hz: rows would move by up to "
+                f"{in_words(moved / float(rate))}"
+            )
+            if moved > _JITTER_TICKS and is_scattered(times, numbers):
+                raise ParameterError(f"{unfit}, to free ticks; {self._advice()}")
             if moved > max(_MOVED_TICKS, _MOVED_SHARE * len(times)):
                 raise ParameterError(
-                    f"the times do not fit a rate of {float(rate):.6g} Hz: rows would move by up "
-                    f"to {moved / rate:.3g} s; they come at about {self._usual_rate:.6g} Hz. Give "
-                    "that rate, or remove the column of times"
+                    f"{unfit}; they come at about {self._usual_rate:.6g} Hz. Give that rate, or "
+                    "remove the column of times"
                 )
             if float(np.abs(order - wanted).max()) <= _JITTER_TICKS:
                 ticks = order
@@ -378,22 +377,50 @@ class TimeStamps:
     def _deviation_note(self, largest: float, rate: Fraction) -> str:
         return deviation_note(largest, rate, kept=self.ns is not None)
 
+    def _advice(self) -> str:
+        """The least round rate at which rows move by two ticks at most."""
+        times = np.frombuffer(self._relative)
+        order = np.arange(len(times), dtype=np.float64)
+        for rate in (digit * 10.0**power for power in range(-3, 10) for digit in (1, 2, 5)):
+            ticks = order + np.maximum.accumulate(np.rint(times * rate) - order)
+            moved = float(np.abs(ticks - times * rate).max())
+            if moved <= _JITTER_TICKS:
+                return (
+                    f"give a high rate (rate=): at {rate:.6g} Hz, no row moves by more than "
+                    f"{in_words((moved + 0.5) / rate)}"
+                )
+        return "give a rate (rate=) to move each row to a free tick"
+
     @property
     def _usual_rate(self) -> float:
         return 1 / max(float(np.median(np.frombuffer(self._steps))), 1e-9)
 
-    def _started(self, found: CountedRows, start: int, notes: tuple[str, ...]) -> TickGrid:
-        ticks, rate, epoch_ns = found.ticks.astype(np.int64), found.rate, None
+    def _started(self, found: CountedRows) -> TickGrid:
+        ticks, rate, notes = found.ticks.astype(np.int64), found.rate, found.notes
         last = int(ticks[-1]) if ticks.size else 0
-        if not (0 <= start < _CLOCK * rate and start < TICK_LIMIT - last):
-            seconds = start / rate
+        offset = self.first + Fraction(found.offset_s)
+        start = round(offset * rate)
+        if start < 0 <= self.first:
             start = 0
-            if _CLOCK <= seconds < _CLOCK_END:
-                epoch_ns = round(seconds * 10**9)
-                notes += (f"the first time, {utc(epoch_ns)}, became the epoch of the recording",)
-            else:
-                notes += (f"the times begin at {float(self.first)} s, which became tick 0",)
-        return TickGrid(rate, ticks + start, notes, epoch_ns)
+        if 0 <= start < _CLOCK * rate and start < TICK_LIMIT - last:
+            shift = abs(float(offset - start / rate))
+            rounding = found.tolerance_s or self.noise + self.resolution / 2
+            told = found.tolerance_s is None and bool(notes)
+            if not told and shift > max(2 * rounding, STEADY / float(rate)):
+                notes += (
+                    f"the times begin between two ticks of {float(rate):.6g} Hz, so all rows "
+                    f"moved by {in_words(shift)}",
+                )
+            return TickGrid(rate, ticks + start, notes)
+        if _CLOCK <= offset < _CLOCK_END:
+            # Stamps of an exact rate are rounded to themselves: the first one is a tick.
+            zero = self.first if found.is_exact else offset
+            epoch_ns = round(zero * 10**9)
+            what = "the first time" if zero == self.first else "the time of the first tick"
+            notes += (f"{what}, {utc(epoch_ns)}, became the epoch of the recording",)
+            return TickGrid(rate, ticks, notes, epoch_ns)
+        notes += (f"the times begin at {float(self.first)} s, which became tick 0",)
+        return TickGrid(rate, ticks, notes)
 
 
 _ISO = re.compile(
@@ -638,6 +665,21 @@ def settle(
     )
 
 
+def is_scattered(times: NDArray[np.float64], numbers: NDArray[np.float64] | None) -> bool:
+    """Whether rows come like random ones, in bursts or alone, rather than at a rate."""
+    steps = np.diff(times)
+    alone = np.flatnonzero(steps > _AT_ONCE * steps.mean())
+    lag = min(max(alone.size // 16, 1), 16)
+    if alone.size <= lag:
+        return False
+    later = times[1:][alone]
+    counts = np.arange(alone.size) if numbers is None else numbers[1:][alone]
+    rows = counts[lag:] - counts[:-lag]
+    low, middle, high = np.quantile((later[lag:] - later[:-lag]) / rows, (0.25, 0.5, 0.75))
+    # The quartiles of a normal distribution are 1.349 standard deviations apart.
+    return float(((high - low) / 1.349 / middle) ** 2 * np.median(rows)) > _SCATTERED
+
+
 def _common_period(times: NDArray[np.float64], guess: float) -> float:
     """The period near a guess at which the phases of rows agree best, whatever rows are lost.
 
@@ -810,12 +852,7 @@ def in_words(seconds: float) -> str:
 
 def deviation_note(largest: float, rate: Fraction, key: str = "", *, kept: bool = False) -> str:
     """How far the times of the samples, in s, lie from the regular ones that replace them."""
-    others = (
-        "a channel keeps the others"
-        if kept
-        else "only the regular times are stored. To keep the others, store them as a channel of "
-        "their own, as --keep-stamps does for files"
-    )
+    others = "a channel keeps the others" if kept else "only the regular times are stored"
     return (
         f"the sample times{key} differ from a regular {float(rate):.6g} Hz by up to "
         f"{in_words(largest)}; {others}"

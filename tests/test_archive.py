@@ -573,6 +573,13 @@ class TestCatalogue:
             assert done.returncode == 1, words
         assert (tmp_path / "c.parquet").read_text() == "mine"
 
+    def test_a_source_that_is_gone_leaves_the_catalogue(self, held: Path, tmp_path: Path):
+        """As a disk that is not mounted."""
+        before = (held / "in" / "catalogue.parquet").read_bytes()
+        (tmp_path / "c.parquet").write_bytes(before)
+        report("catalogue", "gone", "-o", "c.parquet", cwd=tmp_path, code=1)
+        assert (tmp_path / "c.parquet").read_bytes() == before
+
 
 class TestFind:
     @pytest.mark.parametrize(

@@ -158,6 +158,8 @@ def test_a_layer_has_no_name_in_du_as_in_info(tmp_path: Path) -> None:
         ([[2, 3, 6]], "2 gaps with 3 missing samples: they stay gaps"),
         ([[2, 3], []], "1 gap with 2 missing samples, all in ch1: it stays a gap"),
         ([[4], [1, 2, 6]], "3 gaps with 4 missing samples, most in ch2 (3): they stay gaps"),
+        ([[2], [2]], "1 gap with 1 missing sample in each of 2 channels: it stays a gap"),
+        ([[1, 3], [1, 3]], "2 gaps with 2 missing samples in each of 2 channels: they stay gaps"),
         ([[], []], ""),
         ([[0, 8]], ""),
     ],
@@ -170,6 +172,49 @@ def test_gaps_of_the_input_are_told(tmp_path: Path, verb: str, gaps: list, said:
     done = called(verb, tmp_path / "a.npy", tmp_path / "a.hapf", "--rate", 10)
     notes = [line for line in done.err.splitlines() if " gap" in line]
     assert (done.code, notes) == (0, [f"note: {said}"] if said else [])
+
+
+def test_kept_stamps_have_no_gaps_of_their_own(tmp_path: Path) -> None:
+    times = [0.01 * place for place in range(50) if not 20 <= place < 30]
+    rows = "".join(f"{t:.4f},{t}\n" for t in times)
+    (tmp_path / "a.csv").write_text("time,fx [N]\n" + rows)
+    words = (tmp_path / "a.csv", tmp_path / "a.hapf", "--keep-stamps", "--rate", 100)
+    done = called("encode", *words)
+    assert done.code == 0 and hapfmt.read(tmp_path / "a.hapf").labels == ["fx", "stamp"]
+    assert "note: 1 gap with 10 missing samples: it stays a gap\n" in done.err
+
+
+def test_sizes_of_counts_are_told_against_float64(tmp_path: Path) -> None:
+    walk = np.random.default_rng(1).integers(-9, 9, (2, 4000)).cumsum(axis=1).astype(np.int16)
+    channels = (hapfmt.Channel(row, 1000, calibration=hapfmt.Calibration()) for row in walk)
+    hapfmt.write(hapfmt.Recording(tuple(channels)), tmp_path / "a.hapf")
+    last = lines_of(tmp_path / "a.hapf", tmp_path / "o.hapf")[-1]
+    size = (tmp_path / "o.hapf").stat().st_size
+    assert f", {64000 / size:.1f} times smaller than float64 (" in last
+
+
+@pytest.mark.parametrize("verb", ["encode", "convert"])
+def test_select_chooses_channels_of_a_hapf_file(tmp_path: Path, verb: str) -> None:
+    labels = ("hip.pos", "knee.pos", "hip.f", "fx")
+    channels = [
+        hapfmt.Channel(np.arange(9.0), 500 if label == "fx" else 100, label=label)
+        for label in labels
+    ]
+    hapfmt.write(hapfmt.Recording(tuple(channels)), tmp_path / "a.hapf")
+    select = ("--select", "*.pos", "--select", "hip*")
+    target = tmp_path / ("b.hapf" if verb == "encode" else "b.csv")
+    assert called(verb, tmp_path / "a.hapf", target, *select).code == 0
+    assert hapfmt.read(target).labels == ["hip.pos", "knee.pos", "hip.f"]
+    unknown = called(verb, tmp_path / "a.hapf", target, "--force", "--select", "toe")
+    assert unknown.code == 1 and "no channel 'toe'; there are: " in unknown.err
+
+
+def test_several_rates_in_a_table_have_two_ways_out(tmp_path: Path) -> None:
+    channels = (hapfmt.Channel(np.zeros(9), 500), hapfmt.Channel(np.zeros(9), 100))
+    hapfmt.write(hapfmt.Recording(channels), tmp_path / "a.hapf")
+    for verb in ("convert", "decode"):
+        said = called(verb, tmp_path / "a.hapf", tmp_path / "a.csv").err
+        assert "choose those of one rate with --select (convert) or --channels (decode)" in said
 
 
 class TestOtherFiles:

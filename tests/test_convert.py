@@ -439,6 +439,7 @@ class TestRefused:
         [
             ({"format": "mp3"}, "no format is called 'mp3'"),
             ({"format": "csv", "rate": "fast"}, "'fast' is not a rate in Hz"),
+            ({"format": "csv", "rate": "1kHz"}, "'1kHz' is not a rate in Hz"),
             ({"format": "csv", "rate": 0}, "a rate is a fraction"),
             ({"format": "csv", "rate": float("inf")}, "'inf' is not a rate"),
             ({"format": "csv", "rate": "1e999999999"}, "'1e999999999' is not a rate"),
@@ -486,7 +487,7 @@ def channel(x: Any, rate: Fraction | int = 10, **described: Any) -> Channel:
 PCM = Calibration(1, 0, 1 << 15)
 NOT_WRITTEN: dict[str, tuple[str, list[Channel]]] = {
     "a recording without channels cannot be written as .csv": ("csv", []),
-    ".csv holds one rate, the channels have 1 Hz, 2 Hz; use .npz": (
+    r".csv holds one rate, the channels have 1 Hz, 2 Hz; .* \(sel\), or use .npz": (
         "csv", [channel([1.0], 1), channel([1.0], 2)],
     ),
     ".npy holds one rate": ("npy", [channel([1.0], 1), channel([1.0], 2)]),
@@ -575,8 +576,7 @@ class TestNpz:
         assert notes == [
             "the rate of the file, 10 Hz, was overridden by 20 Hz",
             "the sample times (key 't') differ from a regular 20 Hz by up to 150 ms; only the "
-            "regular times are stored. To keep the others, store them as a channel of their own, "
-            "as --keep-stamps does for files",
+            "regular times are stored",
             "the times begin at 5.0 s, which became tick 0",
             "the unit '\u65e5' of channel 'ch1' is kept as 1",
             "the unit '\u65e5' of channel 'ch2' is kept as 1",

@@ -1,6 +1,7 @@
 """Time columns: the rate, the start and the gaps that they tell."""
 
 import io
+import re
 from collections.abc import Callable, Iterable
 from fractions import Fraction
 
@@ -18,9 +19,16 @@ from hapfmt.recording import Recording, Span
 pytestmark = pytest.mark.filterwarnings("ignore::hapfmt.errors.MovedTimesWarning")
 
 
-def table(times: Iterable[str], *, head: str = "t [s]", rate: float | None = None) -> Recording:
+def table(
+    times: Iterable[str],
+    *,
+    head: str = "t [s]",
+    rate: float | None = None,
+    keep_stamps: bool = False,
+) -> Recording:
     rows = "".join(f"{time},{row}\n" for row, time in enumerate(times))
-    return read(io.BytesIO(f"{head},x [N]\n{rows}".encode()), format="csv", rate=rate)
+    source = io.BytesIO(f"{head},x [N]\n{rows}".encode())
+    return read(source, format="csv", rate=rate, keep_stamps=keep_stamps)
 
 
 def stamps(
@@ -122,7 +130,7 @@ def test_jitter_within_half_a_tick_is_noted() -> None:
     assert channel.coverage == (Span(0, 300),)
     [note] = recording.metadata["notes"]
     assert "differ from a regular 100 Hz by up to 3" in note
-    assert "ms; only the regular times are stored" in note
+    assert note.endswith("ms; only the regular times are stored")
 
 
 def test_worse_jitter_is_refused_unless_a_rate_is_given() -> None:
@@ -175,6 +183,30 @@ def test_random_times_are_refused() -> None:
         table([repr(float(time)) for time in times])
 
 
+def irregular(rows: int) -> list[str]:
+    return [f"{time:.6f}" for time in np.random.default_rng(2).exponential(0.01, rows).cumsum()]
+
+
+@pytest.mark.parametrize("rows", [100, 400, 5000])
+@pytest.mark.parametrize("rate", [95, 100])
+def test_a_rate_that_moves_irregular_rows_far_is_refused(rows: int, rate: int) -> None:
+    with pytest.raises(ParameterError, match=rf"do not fit a rate of {rate} Hz: rows would move"):
+        table(irregular(rows), rate=rate)
+
+
+@pytest.mark.parametrize("rate", [None, 100])
+def test_the_advice_for_irregular_times_holds(rate: int | None) -> None:
+    with pytest.raises(ParameterError) as refused:
+        table(irregular(400), rate=rate)
+    found = re.search(
+        r"give a high rate \(rate=\): at (\d+) Hz, no row moves by more than (.+) ms$",
+        str(refused.value),
+    )
+    assert found is not None
+    recording = table(irregular(400), rate=int(found[1]), keep_stamps=True)
+    assert np.abs(recording["stamp"].samples()).max() <= 1.01e6 * float(found[2]) <= 5e6
+
+
 def test_a_given_rate_keeps_the_gaps_of_the_times() -> None:
     [channel] = table(["1.0", "1.1", "1.3"], rate=10).channels
     assert channel.coverage == (Span(10, 12), Span(13, 14))
@@ -194,7 +226,7 @@ def test_sums_of_a_period_are_regular() -> None:
         (-5, 0, "begin at -5.0 s, which became tick 0"),
         (1_700_000_000, 0, "the first time, 2023-11-14T22:13:20Z, became the epoch"),
         (1e12, 0, "begin at 1000000000000.0 s, which became tick 0"),
-        (0.0004, 0, "lie 0.0004 s beside the ticks"),
+        (0.0004, 0, "begin between two ticks of 1000 Hz, so all rows moved by 0.4 ms"),
     ],
 )
 def test_where_the_times_begin(offset: float, start: int, note: str | None) -> None:
@@ -203,6 +235,29 @@ def test_where_the_times_begin(offset: float, start: int, note: str | None) -> N
     assert recording.epoch_ns == (1_700_000_000 * 10**9 if offset == 1_700_000_000 else None)
     assert note is None or note in recording.metadata["notes"][0]
     assert (note is None) == (not recording.metadata)
+
+
+@pytest.mark.parametrize("rate", [None, 500])
+def test_the_epoch_of_dates_that_jitter_is_exact_to_their_jitter(rate: int | None) -> None:
+    rng = np.random.default_rng(4)
+    ns = (
+        1_760_000_000_123_456_000 + 2_000_000 * np.arange(500) + rng.integers(-200, 200, 500) * 1000
+    )
+    dates = [str(np.datetime64(int(each), "ns"))[:26] for each in ns]
+    recording = table(dates, head="timestamp", rate=rate)
+    [channel] = recording.channels
+    assert (channel.rate_exact, channel.coverage) == (500, (Span(0, 500),))
+    assert recording.epoch_ns is not None
+    moved = recording.epoch_ns + 2_000_000 * np.arange(500) - ns
+    assert np.abs(moved).max() <= (400_000 if rate else 250_000)
+    assert not any("beside" in note for note in recording.metadata["notes"])
+
+
+def test_the_epoch_of_exact_dates_is_the_first_one() -> None:
+    dates = [
+        str(np.datetime64(1_760_000_000_123_456_789 + 1_000_000 * row, "ns")) for row in range(9)
+    ]
+    assert table(dates, head="timestamp").epoch_ns == 1_760_000_000_123_456_789
 
 
 REFUSED: dict[str, Callable[[], Recording]] = {

@@ -278,6 +278,35 @@ class TestForeign:
         ]
         assert any("no rate" in note for note in found.metadata["notes"])
 
+    @pytest.mark.parametrize("rate", [None, 500])
+    @pytest.mark.parametrize("rows", [20, 1500])
+    def test_times_that_start_again_are_refused(self, kind, rows, rate):
+        """Two trials, each from 0 s on."""
+        n = np.arange(rows)
+        named = {"subject": ["a"] * rows + ["b"] * rows, "one": [1] * 2 * rows}
+        table = {"t": np.r_[n, n] / 500, "f": np.r_[n, n] * 0.5}
+        what = rf"column 't': the times start again after row {rows}"
+        with pytest.raises(ParameterError, match=rf"{what}; 'subject' changes there\."):
+            read(written(pa.table({"one": named["one"], **named, **table}), kind), rate=rate)
+        with pytest.raises(ParameterError, match=rf"{what}\. The table holds several"):
+            read(written(pa.table(table), kind), rate=rate)
+
+    def test_dates_of_a_clock_that_was_set_back_are_noted(self, kind):
+        ns = 1_700_000_000 * 10**9 + np.arange(2000) * 2_000_000
+        ns[1000:] -= 3600 * 10**9
+        found = read(
+            written(pa.table({"t": pa.array(ns, pa.timestamp("ns")), "f": ns * 0.5}), kind)
+        )
+        assert found[0].coverage == (Span(0, 2000),)
+        assert any("went back by 3600 s after row 1000" in n for n in found.metadata["notes"])
+
+    @pytest.mark.parametrize("rate", [None, 500])
+    def test_rows_out_of_order_are_refused(self, kind, rate):
+        rows = np.random.default_rng(1).permutation(1000)
+        table = pa.table({"t": rows / 500, "f": rows * 0.5})
+        with pytest.raises(ParameterError, match=r"column 't': .* sort the table by this column"):
+            read(written(table, kind), rate=rate)
+
     def test_no_rate(self, kind):
         with pytest.raises(ParameterError, match="holds no rate; give one"):
             read(written(pa.table({"x": [1.0]}), kind))

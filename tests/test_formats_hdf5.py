@@ -189,7 +189,7 @@ class TestLayouts:
 
         assert abs(read_made(fill, clock="stamp").epoch_ns - 1_700_000_000 * 10**9) < 1000
         assert read_made(fill, clock="t").epoch_ns is None
-        assert "choose times (clock=)" in " ".join(notes(read_made(fill, clock="t")))
+        assert "another clock was chosen" in " ".join(notes(read_made(fill, clock="t")))
         with pytest.raises(ParameterError, match="no time array 'log'; there are"):
             read_made(fill, clock="log")
 
@@ -236,6 +236,27 @@ class TestLayouts:
         found = read(file, rate=10, select="100")
         assert found[0].rate_exact == 10
         assert notes(found) == ["the rate of the file, 100 Hz, was overridden by 10 Hz"]
+
+    def test_notes_name_neither_options_nor_arguments(self) -> None:
+        def fill(file: Any) -> None:
+            put(file, "a/x", np.zeros(3000), fs=10)
+            put(file, "c/square", np.zeros((9, 9)), fs=10)
+            put(file, "b/y", np.zeros(600))
+            put(file, "a/t", np.arange(3000) / 10)
+            put(file, "a/time", np.arange(3000) / 10)
+
+        found = notes(read_made(fill, clock="t"))
+        assert len(found) == 3
+        assert not any("=" in note or "--" in note for note in found)
+
+    def test_a_file_that_is_cut_off(self) -> None:
+        data = made(lambda file: put(file, "x", RNG.random(5000), fs=10))
+        half = len(data) // 2
+        with pytest.raises(
+            ParameterError,
+            match=f"cannot be opened: it is cut off: {half} of {len(data)} bytes are there; copy it",
+        ):
+            read(data[:half])
 
     def test_a_rate_as_a_data_set(self) -> None:
         def fill(file: Any) -> None:
@@ -328,7 +349,7 @@ class TestLayouts:
 
         found = read_made(fill)
         assert {c.label: c.unit for c in found} == {
-            "force": "N", "ax": "m/s2", "ay": "g", "temp": "Cel",
+            "force": "N", "ax": "m/s2", "ay": "[g]", "temp": "Cel",
         }  # fmt: skip
 
     def test_equal_names_get_their_group(self) -> None:

@@ -104,6 +104,22 @@ class TestChannels:
             read(data)
         assert read(data, rate=50)["x"].rate_exact == 50
 
+    @pytest.mark.parametrize(
+        ("name", "unit", "code", "said"),
+        [
+            ("Beschl", "g", "[g]", "is read as [g], since its name says acceleration"),
+            ("accX", "mg", "m[g]", "is read as m[g], since its name says acceleration"),
+            ("load", "g", "g", "is mass; [g] is acceleration"),
+            ("accuracy", "mg", "mg", "is mass; [g] is acceleration"),
+            ("acc", "gram", "g", ""),
+            ("acc", "[g]", "[g]", ""),
+        ],
+    )
+    def test_g_is_gram_or_gravity(self, name: str, unit: str, code: str, said: str) -> None:
+        back = read(written([channel("h", name, [1.5], unit_string=unit, **WAVE)]))
+        assert back[name].unit == code
+        assert [said in note for note in back.metadata.get("notes", [])] == [True] * bool(said)
+
     def test_a_given_rate_leaves_those_of_the_file(self) -> None:
         data = written([
             channel("g", "x", [1.5] * 4, wf_increment=0.002),
@@ -303,7 +319,10 @@ class TestHostile:
     def test_a_cut_file(self) -> None:
         data = written([channel("g", "x", np.arange(100), **WAVE)])[:-80]
         assert read(data)["x"].stored.tolist() == list(range(90))
-        assert notes(data) == ["the file ends within a segment; what comes before is read"]
+        assert notes(data) == [
+            "the file is cut off in its last segment; the values up to there are read, the rest is "
+            "lost"
+        ]
 
     @pytest.mark.parametrize(
         "data",

@@ -298,7 +298,7 @@ class TestClocks:
         assert back["s"].counts.tolist() == list(range(200))
         assert back.metadata["notes"][0] == (
             "the clock of stream 's' was set back 1 time; the rows from there on are other "
-            "recordings; choose one (episode=1)"
+            "recordings; episode 1 is the next"
         )
         assert read(data, episode=1)["s"].counts.tolist() == list(range(200, 350))
         assert read(data, episode=2).channels == ()

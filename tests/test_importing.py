@@ -383,7 +383,7 @@ class TestCommands:
         labels = ["--labels", "fx, fy", "--unit", "N"]
         self.run(verb, "a.lab", "b.hapf", "--max-memory", "20K", *labels)
         seen = capsys.readouterr()
-        assert "images are not read" in seen.err and "2 missing samples" in seen.err
+        assert "images are not read" in seen.err and "1 missing sample in each of 2" in seen.err
         back, other = hapfmt.read("b.hapf"), hapfmt.read("whole.hapf")
         assert back.labels == ["fx", "fy"] and {c.unit for c in back} == {"N"}
         for one, two in zip(back, other, strict=True):

@@ -483,10 +483,13 @@ def catalogue_all(
         raise ParameterError(f"{out}: the directory {out.parent} does not exist", path="")
     began = time.perf_counter()
     outcomes = catalogued_outcomes(sources, out, jobs, dask, log, max_memory, force=force)
+    rows = sum(len(each.rows) for each in outcomes)
+    if not rows:
+        note(f"nothing was read, so {out} is not written")
+        return report(outcomes, time.perf_counter() - began, as_json)
     data = to_parquet(row for each in outcomes for row in each.rows)
     with atomic_write(out, force=True) as stream:
         stream.write(data)
-    rows = sum(len(each.rows) for each in outcomes)
     code = report(outcomes, time.perf_counter() - began, as_json)
     if not as_json:
         say(f"{out}: {counted(rows, 'row')}, {megabytes(len(data))}")

@@ -7,6 +7,7 @@ file of any format for plot and compare.
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -459,7 +460,9 @@ def load_recording(
                 input_of(name), format=format_, limits=limits, progress=advance, **asked_of(given)
             )
         return described(recording, labels, unit), 0
-    if asked := asked_of(given):
+    asked = asked_of(given)
+    select = asked.pop("select", ())
+    if asked:
         option = option_of(next(iter(asked)))
         raise ParameterError(f"{option} is for inputs of other formats than .hapf", path=name)
     if labels is not None or unit is not None:
@@ -469,7 +472,9 @@ def load_recording(
     from ..reading.reader import Reader
 
     with Reader(input_of(name), limits=limits) as reader, progress("decoding") as advance:
-        recording = reader.read(progress=advance)
+        names = parse_channels(select, [ref.label for ref in reader.channels])
+        numbers = sorted({ref.number for ref in reader.select(names)})
+        recording = reader.read(None if names is None else numbers, progress=advance)
         return recording, tell_losses(reader)
 
 
@@ -627,7 +632,9 @@ def tell_notes(recording: Recording, is_hapf: bool) -> list[str]:
     notes = [] if is_hapf else notes_of(recording)
     for each in notes:
         note(each)
-    tell_gaps(recording.labels, [[gap.ticks for gap in c.gaps] for c in recording.channels])
+    units = [channel.unit for channel in recording]
+    gaps = [[gap.ticks for gap in channel.gaps] for channel in recording]
+    tell_gaps(recording.labels, units, gaps)
     return notes
 
 
@@ -640,16 +647,34 @@ def tell_import(found: Import) -> None:
         for table in found.tables
         for _ in table.columns
     ]
-    tell_gaps(found.labels, gaps)
+    units = [column.unit for table in found.tables for column in table.columns]
+    tell_gaps(found.labels, units, gaps)
 
 
-def tell_gaps(labels: Sequence[str], found: Sequence[Sequence[int]]) -> None:
+STAMPS = re.compile(r"(.* )?stamps?( \(\d+\))?")
+"""Labels of channels of kept stamps. They have the gaps of their table."""
+
+
+def tell_gaps(labels: Sequence[str], units: Sequence[str], found: Sequence[Sequence[int]]) -> None:
     """A note on the gaps of each channel, given as their ticks."""
+    kept = [
+        place
+        for place, label in enumerate(labels)
+        if units[place] != "ns" or not STAMPS.fullmatch(label)
+    ]
+    labels, found = [labels[place] for place in kept], [found[place] for place in kept]
     missing = [sum(gaps) for gaps in found]
     if not any(missing):
         return
-    gaps = sum(map(len, found))
+    alike = [gaps for gaps in found if gaps]
     most = max(missing)
+    if len(alike) > 1 and all(gaps == alike[0] for gaps in alike):
+        stay = "it stays a gap" if len(alike[0]) == 1 else "they stay gaps"
+        each = f"in each of {len(alike)} channels"
+        many = counted(most, "missing sample")
+        note(f"{counted(len(alike[0]), 'gap')} with {many} {each}: {stay}")
+        return
+    gaps = sum(map(len, found))
     where = ""
     if len(missing) > 1:
         name = labels[missing.index(most)] or f"channel {missing.index(most)}"

@@ -66,7 +66,8 @@ def convert(
     max_memory: Limits,
     **given: Any,
 ) -> int:
-    """Convert IN to OUT by their suffixes: .npz .npy .csv .wav .hapf.
+    """Convert IN to OUT by their suffixes: .hapf, .npz, .csv, .wav, .mcap, .parquet, .h5, .mat and
+    others. hapfmt inspect --formats lists all. --select also chooses channels of a .hapf file.
 
     A .hapf output is lossless (hapfmt encode has presets). If the output format cannot hold
     something, a note on standard error names it.
@@ -74,6 +75,7 @@ def convert(
     \b
     hapfmt convert touch.csv touch.npz
     hapfmt convert touch.hapf touch.wav
+    hapfmt convert lab.hapf joints.parquet --select 'joint*'
     """
     from ..encoder.settings import Settings
     from ..recording import Recording

@@ -159,15 +159,13 @@ def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
 
 
 def compared(summary: Summary) -> str:
-    """Against the samples as they came."""
-    original = sum(each.original_bits * each.sample_count for each in summary.decisions)
-    if not original or not summary.file_size:
+    """Against float64."""
+    if not summary.sample_count or not summary.file_size:
         return counted(summary.sample_count, "sample")
     bits = 8 * summary.file_size / summary.sample_count
-    came = "float64" if all(d.original_bits == 64 for d in summary.decisions) else "the input"
-    ratio = original / (8 * summary.file_size)
+    ratio = 64 / bits
     words = f"{ratio:.1f} times smaller" if ratio >= 1 else f"{1 / ratio:.1f} times LARGER"
-    return f"{words} than {came} ({bits:.2f}{JOINED}bits/sample)"
+    return f"{words} than float64 ({bits:.2f}{JOINED}bits/sample)"
 
 
 def advice(summary: Summary, recording: Recording) -> str:
@@ -180,7 +178,7 @@ def advice(summary: Summary, recording: Recording) -> str:
     if ratio <= 1.5 * 8 * summary.sample_count / summary.file_size:
         return ""
     those = counted(len(every), "channel") + (" is" if len(floating) == 1 else " are")
-    now = sum(each.original_bits * each.sample_count for each in every) / (8 * summary.file_size)
+    now = 8 * summary.sample_count / summary.file_size
     instead = f", not {now:.1f} times" if now >= 1 else ""
     return (
         f"{len(floating)} of {those} floating point. With --preset near-lossless "
@@ -361,10 +359,12 @@ def encode(
     vectors: tuple[str, ...],
     **given: Any,
 ) -> int:
-    """Encode the recording IN (.npz .npy .csv .wav .hapf) into OUT.
+    """Encode the recording IN into OUT. IN is .npz, .npy, .csv, .wav or .hapf, or a file of ROS,
+    MCAP, HDF5, MAT, Parquet, TDMS, EDF and others: hapfmt inspect --formats lists all.
 
     \b
     hapfmt encode touch.npz touch.hapf
+    hapfmt encode lab.bag lab.hapf
     hapfmt encode touch.csv touch.hapf --preset paper --k 0.1 --bits 5
     hapfmt encode f.npy f.hapf --rate 1000 --preset near-lossless --max-error 1%
     cat touch.npz | hapfmt encode - - --input-format npz > touch.hapf

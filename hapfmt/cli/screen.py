@@ -68,9 +68,15 @@ IN_OPTIONS = {
     "(episode=)": "(--episode)",
     "(map=)": "(--map)",
     "(clock=)": "(--clock)",
+    "only the regular times are stored": (
+        "only the regular times are stored. To keep the others too, add --keep-stamps"
+    ),
     "(transpose=True)": "(--transpose)",
     "(transpose=False)": "(--no-transpose)",
     "(fps=)": "(--fps)",
+    "choose those of one rate (sel)": (
+        "choose those of one rate with --select (convert) or --channels (decode)"
+    ),
     "(clock='frame_index')": "(--clock frame_index)",
     "(clock='timestamp')": "(--clock timestamp)",
     "such as rate=1000": "such as --rate 1000",

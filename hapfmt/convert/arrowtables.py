@@ -55,7 +55,7 @@ from .common import choose_rate, not_carried, one_rate, rate_from, refusing, uni
 from .formats import ReadOptions, WriteOptions
 from .own import CARRIED, own_json, own_members, restored_counts, with_own
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
-from .timestamps import Placed, observations, place, stamp_channel, stamp_label
+from .timestamps import Placed, observations, place, restart, stamp_channel, stamp_label
 
 ROWS = 1 << 16
 """Most rows of a batch."""
@@ -73,6 +73,8 @@ _CLOCK_S = 100_000_000
 """Seconds: later times count from 1970."""
 _SINCE_1970 = {0: 1_000_000_000, -3: 10**12, -6: 10**15, -9: 10**18}
 """The least number that counts from 1970 in a unit, in the year 2001, by its power of ten."""
+_SHUFFLED, _FEW = 0.05, 64
+"""Share of rows that go back in time where a table is out of order; few rows may be events."""
 _ROUNDING = 1e-6
 """Ticks by which a time of ours may differ from its tick."""
 _RATE_KEYS = (
@@ -727,9 +729,25 @@ class Grid(NamedTuple):
     placed: Placed | None = None
 
 
-def grid_of(stamps: Stamps, options: ReadOptions, found: Fraction | None) -> Grid | None:
+def grid_of(
+    container: Container, stamps: Stamps, options: ReadOptions, found: Fraction | None
+) -> Grid | None:
     """Places the rows by their times; None where they have no rate."""
-    placed = place(stamps.ns, name=f"column {stamps.column!r}", rate=options.rate or found)
+    name = f"column {stamps.column!r}"
+    back = np.count_nonzero(np.diff(stamps.ns) < 0)
+    if back > max(_SHUFFLED * stamps.ns.size, 1) and stamps.ns.size > _FEW:
+        raise ParameterError(
+            f"{name}: the times of {back} rows are before the time of the row above; sort the "
+            "table by this column"
+        )
+    if (row := restart(stamps.ns)) is not None:
+        cause = _changing(container, row)
+        by = f"; {cause!r} changes there" if cause else ""
+        raise ParameterError(
+            f"{name}: the times start again after row {row + 1}{by}. The table holds several "
+            "recordings; store each as a file of its own"
+        )
+    placed = place(stamps.ns, name=name, rate=options.rate or found)
     if placed is None:
         return None
     start = rdiv(placed.start_ns * placed.rate.numerator, placed.rate.denominator * 10**9)
@@ -738,6 +756,30 @@ def grid_of(stamps: Stamps, options: ReadOptions, found: Fraction | None) -> Gri
     if not 0 <= start < TICK_LIMIT - int(placed.ticks[-1]):
         start = 0
     return Grid(placed.rate, placed.ticks, start, None, placed)
+
+
+def _changing(container: Container, row: int) -> str | None:
+    """A column of texts or integers that changes after a row, and neither before nor after it."""
+    import pyarrow as pa
+
+    names = [
+        field.name
+        for field in container.schema
+        if is_text(field.type) or pa.types.is_integer(_plain_type(field.type))
+    ]
+    for name in names:
+        cells: list[Any] = []
+        first = 0
+        for batch in container.batches([name], 1 << 12):
+            inside = range(max(row - 1 - first, 0), min(row + 3 - first, batch.num_rows))
+            column = batch.column(batch.schema.get_field_index(name))
+            cells += [column[place].as_py() for place in inside]
+            first += batch.num_rows
+            if first > row + 2:
+                break
+        if len(cells) == 4 and cells[0] == cells[1] != cells[2] == cells[3]:
+            return str(name)
+    return None
 
 
 def own_grid(seconds: NDArray[np.float64], rate: Fraction) -> Grid:
@@ -849,7 +891,7 @@ def read_table(container: Container, options: ReadOptions, kind: str) -> Import:
         grid = own_grid(seconds_in(container, "time", options), found)
         grid = grid._replace(rate=choose_rate(options.rate, found, notes))
     elif isinstance(stamps, Stamps) and stamps.ns.size:
-        grid = grid_of(stamps, options, found)
+        grid = grid_of(container, stamps, options, found)
         if grid is None:
             return _as_events(container, parts, leaves, stamps, notes)
         assert grid.placed is not None

@@ -31,14 +31,18 @@ BLOCK_SIZE = 1 << 20
 _RATE = re.compile(r"\d{1,40}/\d{1,40}|(?:\d{1,40}\.?\d{0,40}|\.\d{1,40})(?:e[+-]?\d{1,2})?", re.A)
 """Bounded, since Fraction("1e999999999") would compute all of its digits."""
 
+_GRAVITIES = {"g": "[g]", "mg": "m[g]"}
+_ACCELERATION = re.compile(r"(?i:acc(?=el|[xyz]?(?:[^a-z]|$))|beschl)|acc(?=[A-Z])|Acc(?=[A-Z])")
+
 
 def rate_from(value: Fraction | float | str) -> Fraction:
     """Ticks per second, exactly: 35.618 (the shortest decimal of the float) is 17809/500."""
     if isinstance(value, float) and isfinite(value):
         value = hertz(value)
-    text = str(value).strip().lower()
+    given = str(value).strip()
+    text = given.lower()
     if _RATE.fullmatch(text) is None or re.search("/0+$", text):
-        raise ParameterError(f"{text[:40]!r} is not a rate in Hz, such as 1000, 35.618 or 44100/7")
+        raise ParameterError(f"{given[:40]!r} is not a rate in Hz, such as 1000, 35.618 or 44100/7")
     return checked_rate(Fraction(text))
 
 
@@ -235,13 +239,27 @@ def one_rate(recording: Recording, suffix: str) -> Fraction:
         raise ParameterError(f"a recording without channels cannot be written as {suffix}")
     if len(rates) > 1:
         listed = ", ".join(f"{rate} Hz" for rate in sorted(rates)[:5])
-        raise ParameterError(f"{suffix} holds one rate, the channels have {listed}; use .npz")
+        raise ParameterError(
+            f"{suffix} holds one rate, the channels have {listed}; choose those of one "
+            "rate (sel), or use .npz"
+        )
     return rates.pop()
 
 
-def unit_of(text: str, label: str, notes: list[str]) -> str:
-    """UCUM code of a unit text, with a note where the code lost characters of it."""
+def unit_of(text: str, label: str, notes: list[str], *, about: str = "") -> str:
+    """UCUM code of a unit text, with a note where the code lost characters of it.
+
+    "g" is [g] where the label, or ``about``, says acceleration. Otherwise a note says what it is.
+    """
     code = to_ucum(text)
+    if code in _GRAVITIES and "gram" not in text.casefold():
+        if _ACCELERATION.search(f"{label} {about}") is not None:
+            code = _GRAVITIES[code]
+            notes.append(
+                f"the unit of channel {label!r} is read as {code}, since its name says acceleration"
+            )
+        else:
+            notes.append(f"the unit {code} of channel {label!r} is mass; [g] is acceleration")
     if (typo := unknown_unit(text, typos_only=True)) is not None:
         warnings.warn(typo, DataWarning, stacklevel=2)
     if not text.isascii() and (code == "1" or code.startswith("{")):

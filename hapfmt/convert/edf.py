@@ -80,6 +80,8 @@ class EdfHeader:
     patient: str
     recorded: str
     epoch_ns: int | None
+    time: str
+    """hh:mm:ss of the start where the date is hidden, otherwise empty."""
     kind: str
     records: int
     duration: Fraction
@@ -182,19 +184,35 @@ def _header(stream: BinaryIO) -> EdfHeader:
     stated = _whole(records, "the number of records", -1, _RECORDS_LIMIT)
     notes = []
     if stated > found:
-        raise ParameterError(f"truncated: the header counts {stated} records, {found} are there")
-    if stated < 0:
+        if not found:
+            raise ParameterError(f"truncated: the header counts {stated} records, none is there")
+        notes.append(
+            f"the file is cut off: of {stated} records, the first {found} are read; the rest is "
+            "lost"
+        )
+    elif stated < 0:
         notes.append(f"the header counts no records; the {found} whole ones are read")
     elif found > stated or rest:
         extra = (found - stated) * size * place + rest
         notes.append(f"the {extra} bytes after the last record are not read")
     plus = kind.startswith(("EDF+", "BDF+"))
     epoch_ns = _start(date, time, recorded if plus else "", notes)
+    clock = time.replace(".", ":")
+    hidden = clock if epoch_ns is None and clock != "00:00:00" and _is_clock(clock) else ""
+    if hidden:
+        notes.append(
+            f"the file hides its date; metadata 'start_time' keeps the time of day, {hidden}"
+        )
     shown = kind[:5] if plus else "EDF" if size == 2 else "BDF"
     return EdfHeader(
-        size, patient, recorded, epoch_ns, shown, found if stated < 0 else stated, seconds,
-        tuple(signals), start, tuple(notes),
+        size, patient, recorded, epoch_ns, hidden, shown,
+        found if stated < 0 else min(stated, found), seconds, tuple(signals), start, tuple(notes),
     )  # fmt: skip
+
+
+def _is_clock(text: str) -> bool:
+    """hh:mm:ss."""
+    return re.fullmatch(r"([01]\d|2[0-3]):[0-5]\d:[0-5]\d", text, re.A) is not None
 
 
 def _split(raw: bytes, sizes: Sequence[int]) -> list[str]:
@@ -264,7 +282,7 @@ def _start(date: str, time: str, recorded: str, notes: list[str]) -> int | None:
     named = re.fullmatch(r"(\d\d)-([A-Z]{3})-(\d{4})", full, re.A)
     short = re.fullmatch(r"(\d\d)\.(\d\d)\.(\d\d)", date, re.A)
     clock = re.fullmatch(r"(\d\d)\.(\d\d)\.(\d\d)", time, re.A)
-    if full == "X" or (not named and (date, time) == ("01.01.85", "00.00.00")):
+    if full == "X" or (not named and date == "01.01.85"):
         return None
     try:
         if clock is None or (named is None and short is None):
@@ -295,7 +313,7 @@ def _column(signal: EdfSignal, header: EdfHeader, notes: list[str]) -> ImportCol
         )
     return ImportColumn(
         signal.label,
-        unit_of(signal.unit, signal.label, notes),
+        unit_of(signal.unit, signal.label, notes, about=signal.transducer),
         device=signal.transducer,
         calibration=calibration,
         dtype=np.dtype(np.int16 if header.size == 2 else np.int32)
@@ -490,6 +508,8 @@ def _metadata(header: EdfHeader, signals: Sequence[EdfSignal]) -> dict[str, Any]
     found: dict[str, Any] = {}
     if header.patient.replace("X", "").strip():
         found["patient"] = header.patient
+    if header.time:
+        found["start_time"] = header.time
     words = header.recorded.split()
     if words[:1] == ["Startdate"]:
         words = words[2:]
@@ -584,17 +604,26 @@ def write_records(
     onsets = [number * duration + shift for number in range(records)]
     pages, width = _pages(marks, onsets, shift, size)
     recorded = _recorded(recording, epoch)
+    hidden = recording.metadata.get("start_time")
+    clock = "00:00:00"
+    if epoch is not None:
+        clock = f"{epoch:%H:%M:%S}"
+    elif isinstance(hidden, str) and _is_clock(hidden) and not origin:
+        clock = hidden
     if filled:
         notes.append(
             f"{filled} samples that are missing are filled with the last value and marked "
             f"{_NO_DATA!r} by annotations"
         )
     stream = target.stream
-    stream.write(_written_header(recording, signals, records, text, width, size, epoch, recorded))
+    stream.write(
+        _written_header(recording, signals, records, text, width, size, epoch, clock, recorded)
+    )
     _write_samples(stream, signals, onsets, pages, origin, width, size)
     carried = {"epoch_ns", "unit", "label", "device", "events", "calibration"}
     carried |= {"patient"} if _patient(recording) != "X X X X" else set()
     carried |= {"recording"} if _words(recording) else set()
+    carried |= {"start_time"} if clock == hidden else set()
     if any(s.scale is not None and s.channel.calibration is not None for s in signals):
         carried -= {"calibration"}
     return notes + not_carried(recording, suffix, *carried)
@@ -882,6 +911,7 @@ def _written_header(
     width: int,
     size: int,
     epoch: datetime | None,
+    clock: str,
     recorded: str,
 ) -> bytes:
     name = "EDF" if size == 2 else "BDF"
@@ -893,7 +923,7 @@ def _written_header(
         _patient(recording),
         recorded,
         f"{moment:%d.%m}.{moment.year % 100:02}" if known else f"{moment:%d.%m}.yy",
-        f"{moment:%H.%M.%S}",
+        clock.replace(":", "."),
         str(_HEADER * (len(signals) + 2)),
         f"{name}+C",
         str(records),

@@ -6,6 +6,7 @@ data set is refused where its chunks or its compression could take more memory t
 
 from __future__ import annotations
 
+import re
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -73,6 +74,8 @@ def refusing_hdf5(what: str) -> Iterator[None]:
 
 
 def _reason(error: Exception) -> str:
+    if cut := re.search(r"truncated file: eof = (\d+), .*stored_eof = (\d+)", str(error)):
+        return f"it is cut off: {cut[1]} of {cut[2]} bytes are there; copy it once more"
     return (str(error).partition("\n")[0] or type(error).__name__)[:300]
 
 
@@ -81,7 +84,7 @@ def opened(source: Source) -> Any:
     h5py = h5py_of()
     stream = source.stream  # raises what the system says
     where: Any = source.path if source.is_local else stream
-    with refusing_hdf5("this is not an HDF5 file"):
+    with refusing_hdf5("this HDF5 file cannot be opened"):
         file = h5py.File(where, "r", locking="best-effort", rdcc_nbytes=CACHE_SIZE)
 
     def close() -> None:

@@ -309,19 +309,20 @@ def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
         planned.parts.append(PlannedPart(array, axis))
     tables = _long_enough(list(found.values()), notes, bool(options.select))
     if square:
-        text = _square(square)
         if not tables:
-            raise ParameterError(text)
-        notes.append(text)
+            raise ParameterError(_square(square))
+        notes.append(f"{_listed(square)} is not read: either side may be time")
     if not tables:
         raise ParameterError(_nothing(sized, timeless, notes))
     if timeless:
         notes.append(
-            f"no times and no rate are known for {_listed(timeless)}; give a rate (rate=), or a "
-            "map (map=)"
+            f"no times and no rate are known for {_listed(timeless)}; a rate, or a map of the "
+            "file, makes them channels"
         )
     if others := [one for one in clocks if one.name not in used]:
-        notes.append(f"the times {_listed(others)} are not used; choose times (clock=)")
+        notes.append(
+            f"the times {_listed(others)} are not used; another clock was chosen or is nearer"
+        )
     return tables
 
 
@@ -909,7 +910,7 @@ def _columns(
         dtype, calibration = _kept_as(array, notes)
         group = ".".join(array.path[:-1] if array.width(axis) == 1 else array.path)
         for label, unit in zip(own, units, strict=True):
-            code = unit_of(unit, label, notes)
+            code = unit_of(unit, label, notes, about=f"{array.name} {part.quantity}")
             columns.append(
                 ImportColumn(
                     label, code, part.quantity, group=group[:255], calibration=calibration,

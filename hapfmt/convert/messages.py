@@ -460,7 +460,8 @@ class _MessageReading:
         what = NOT_READ.get(plain(topic.kind))
         if what is not None:
             return f"{what} of topic {topic.title} ({topic.kind}) are not read"
-        return f"topic {topic.title} ({topic.kind}) is not read: {topic.reason}"
+        kind = f" ({topic.kind})" if topic.kind else ""
+        return f"topic {topic.title}{kind} is not read: {topic.reason}"
 
     def selected(self, tables: Sequence[ImportTable], topics: Sequence[Topic]) -> list[list[int]]:
         """The columns of each table that are wanted."""
@@ -487,11 +488,9 @@ class _MessageReading:
                     *(column.label for table in tables for column in table.columns),
                 ]
                 near = similar(pattern, known, 0.6)
-                hint = f"; did you mean {near!r}?" if near else ""
+                hint = f"; did you mean {near!r}? There are" if near else "; there are"
                 listed = ", ".join(known[:20]) + (" ..." if len(known) > 20 else "")
-                raise ParameterError(
-                    f"no topic or channel is called {pattern!r}{hint} There are: {listed}"
-                )
+                raise ParameterError(f"no topic or channel is called {pattern!r}{hint}: {listed}")
         return found
 
     # first pass

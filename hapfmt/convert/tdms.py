@@ -97,7 +97,10 @@ def read(source: Source, options: ReadOptions) -> Import:
         channels, properties = _channels(reader)
     _check_chunks(reader, options.max_memory)
     if any(segment.segment_incomplete for segment in reader._segments):
-        notes.append("the file ends within a segment; what comes before is read")
+        notes.append(
+            "the file is cut off in its last segment; the values up to there are read, the rest is "
+            "lost"
+        )
     names = [f"{channel.group}/{channel.name}" for channel in channels]
     wanted = [channels[at] for at in selected(names, options.select, "channel")]
     found = [channel for channel in wanted if _is_numeric(channel, notes, wanted)]
@@ -460,7 +463,7 @@ def _table(channel: TdmsChannel, label: str, zero: int | None, notes: list[str])
     )
     column = ImportColumn(
         label,
-        unit_of(text, label, notes),
+        unit_of(text, label, notes, about=channel.group),
         group=channel.group,
         calibration=channel.calibration,
         dtype=channel.dtype,

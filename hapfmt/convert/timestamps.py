@@ -17,7 +17,7 @@ from ..errors import ParameterError
 from ..limits import TICK_LIMIT
 from ..numbers import rdiv
 from ..recording import Channel, spans_at
-from ..times import STEADY, CountedRows, TickGrid, TimeStamps, in_words
+from ..times import STEADY, CountedRows, TickGrid, TimeStamps, in_words, is_scattered
 from .common import refusing
 
 _FEWEST_ROWS, _FEW_ROWS, _MANY_ROWS = 3, 8, 64
@@ -25,12 +25,10 @@ _FEWEST_ROWS, _FEW_ROWS, _MANY_ROWS = 3, 8, 64
 need to be counted."""
 _SMALL_JITTER = 0.25
 """Ticks: less than 64 rows are regular if all of them are nearer to their ticks."""
-_SCATTERED = 0.3
-"""Variance of the rows in a time, by their mean: 1 of random rows, 0 of regular ones."""
-_AT_ONCE = 0.1
-"""Share of the mean step below which rows came in one burst."""
 _SET_BACK_ROWS, _AROUND = 32, 7
 """A clock was set where its stamps go back by more than 32 periods, for 7 rows and longer."""
+_DATES = 10**17
+"""ns, three years: times from here on count from 1970."""
 _RESTART_NUMBERS = 32
 """Numbers that go back by more, or to 0 or 1, begin again. Others came in another order."""
 _IN_TURN = 0.05
@@ -111,11 +109,13 @@ def _placed(
     try:
         found = TimeStamps.of_ns(steady).find(rate, numbers=numbers, nominal=True)
     except ParameterError:
-        if rate is None and (stamps.size < _MANY_ROWS or _is_scattered(steady, numbers)):
+        if rate is None and (
+            stamps.size < _MANY_ROWS or is_scattered((steady - steady[0]) / 1e9, numbers)
+        ):
             return None
         raise
     numbered = rate is None and not found.is_exact and numbers is not None
-    if numbered and _is_scattered(steady, numbers):
+    if numbered and is_scattered((steady - steady[0]) / 1e9, numbers):
         return None
     late = (steady - steady[0]) / 1e9 - found.ticks * found.period_s
     start = found.offset_s if rate is None else float(np.median(late))
@@ -181,14 +181,19 @@ def _unwrapped(
 
 def _steady(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.int64]:
     """The stamps without the steps of a clock that was set back."""
+    if (row := restart(stamps)) is not None:
+        raise ParameterError(
+            f"the times start again after row {row + 1}, so the rows are of several recordings; "
+            "store each as a file of its own"
+        )
     steps = np.diff(stamps)
     period = int(np.median(steps)) if steps.size else 0
     limit = -_SET_BACK_ROWS * max(period, 1)
     places = np.flatnonzero(steps < limit)
     if places.size > _IN_TURN * stamps.size + 1:
         raise ParameterError(
-            "the stamps go back and forth, so two clocks or publishers seem to take turns; "
-            "store each as a file of its own"
+            "the stamps go back and forth; sort the rows if they are shuffled, or store each as a "
+            "file of its own if two clocks or publishers take turns"
         )
     for row in places.tolist():
         before = np.median(stamps[max(row + 1 - _AROUND, 0) : row + 1] - stamps[0])
@@ -203,19 +208,25 @@ def _steady(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.int64]:
     return np.concatenate((stamps[:1], stamps[0] + np.cumsum(steps)))
 
 
-def _is_scattered(stamps: NDArray[np.int64], numbers: NDArray[np.float64] | None) -> bool:
-    """Whether rows come like random ones, in bursts or alone, rather than at a rate."""
-    steps = np.diff(stamps) / 1e9
-    alone = np.flatnonzero(steps > _AT_ONCE * steps.mean())
-    lag = min(max(alone.size // 16, 1), 16)
-    if alone.size <= lag:
-        return False
-    times = np.cumsum(steps)[alone]
-    counts = np.arange(alone.size) if numbers is None else numbers[1:][alone]
-    rows = counts[lag:] - counts[:-lag]
-    low, middle, high = np.quantile((times[lag:] - times[:-lag]) / rows, (0.25, 0.5, 0.75))
-    # The quartiles of a normal distribution are 1.349 standard deviations apart.
-    return float(((high - low) / 1.349 / middle) ** 2 * np.median(rows)) > _SCATTERED
+def restart(stamps: NDArray[np.int64]) -> int | None:
+    """The last row before times that count from no date start again; None where they do not.
+
+    Dates that go back are those of a clock that was set.
+    """
+    if stamps.size < 2 or stamps[0] >= _DATES:
+        return None
+    steps = np.diff(stamps)
+    period = max(int(np.median(steps)), 1)
+    places = np.flatnonzero(steps < 0)
+    if places.size > _IN_TURN * stamps.size + 1:
+        return None
+    for row in places.tolist():
+        before = np.median(stamps[max(row + 1 - _AROUND, 0) : row + 1] - stamps[0])
+        after = np.median(stamps[row + 1 : row + 1 + _AROUND] - stamps[0])
+        is_first = stamps[row + 1] <= stamps[0] + period
+        if after < before and (is_first or after - before < -_SET_BACK_ROWS * period):
+            return int(row)
+    return None
 
 
 def _notes(found: CountedRows, moved: float, drift_ppm: float) -> list[str]:

@@ -444,7 +444,7 @@ def _episode(
     if len(ends) > 2 and options.episode is None:
         notes.append(
             f"the clock of stream {stream.name!r} was set back {counted(len(ends) - 2, 'time')}; "
-            "the rows from there on are other recordings; choose one (episode=1)"
+            "the rows from there on are other recordings; episode 1 is the next"
         )
     if number >= len(ends) - 1:
         return np.empty(0, np.int64), 0, 0
@@ -524,7 +524,7 @@ def _table(
     columns = [
         ImportColumn(
             label,
-            unit_of(unit, label, notes),
+            unit_of(unit, label, notes, about=f"{stream.name} {stream.kind}"),
             group=stream.name,
             calibration=Calibration() if counts else None,
             dtype=dtype,
