@@ -217,6 +217,30 @@ def test_several_rates_in_a_table_have_two_ways_out(tmp_path: Path) -> None:
         assert "choose those of one rate with --select (convert) or --channels (decode)" in said
 
 
+def test_a_unit_text_of_the_source_is_shown_once(tmp_path: Path) -> None:
+    labels = [f"t{place}" for place in range(5)]
+    channels = tuple(hapfmt.Channel(np.zeros(9), 10, label=label) for label in labels)
+    metadata = {"source_units": dict.fromkeys(labels, "raw counts")}
+    hapfmt.write(hapfmt.Recording(channels, metadata=metadata), tmp_path / "a.hapf")
+    lines = called("info", tmp_path / "a.hapf").out.splitlines()
+    assert "source unit 'raw counts': t0, t1, t2 and 2 more" in lines
+    assert not any("source_units" in line for line in lines)
+
+
+def test_inspect_shows_units_as_info_does(tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        skin = file.create_dataset("skin", data=np.zeros((3, 50), np.int16))
+        skin.attrs["fs"] = 100.0
+        skin.attrs["units"] = "Newton"
+        file.create_dataset("state", data=np.zeros(50)).attrs["fs"] = 100.0
+    lines = called("inspect", tmp_path / "a.h5").out.splitlines()
+    units = [line.split("  ")[1:] for line in lines if line.startswith(("skin", "state"))]
+    shown = [next(cell for cell in row if cell).strip() for row in units]
+    assert shown == ["N (from 'Newton')", "N", "N", "-"]
+
+
 class TestOtherFiles:
     """A file of another format, or an empty one, is refused with the way out."""
 

@@ -293,6 +293,30 @@ def test_one_damaged_packet_of_many(tmp_path, pages, capsys):
     assert "lost: channel 13" in words_of(figure)
 
 
+def test_many_gaps_leave_the_signal_visible(tmp_path, pages):
+    """Rows at few of many ticks: no hatches over the panel, and each row is a point."""
+    ticks = np.cumsum(np.random.default_rng(1).integers(2, 20, 400))
+    x = np.full(ticks[-1] + 1, np.nan)
+    x[ticks] = np.sin(ticks / 500)
+    hapfmt.write(x, tmp_path / "a.hapf", rate=1000, labels=["fx"], units=["N"])
+    assert run("plot", tmp_path / "a.hapf", "-o", tmp_path / "a.png") == 0
+    axes = pages[0][0][0].axes[0]
+    (gaps,) = [each for each in axes.collections if each.get_label() == "gap"]
+    assert max(path.vertices[:, 1].max() for path in gaps.get_paths()) < 0.1
+    (line,) = [each for each in axes.lines if each.get_label() == "signal"]
+    assert line.get_marker() == "."
+
+
+def test_a_lossless_file_has_no_knots_in_its_picture(tmp_path, pages):
+    channel = Channel(np.full(2000, 7, np.int32), 1000, calibration=Calibration(), label="x")
+    hapfmt.write(Recording((channel,)), tmp_path / "a.hapf")
+    with hapfmt.Reader(tmp_path / "a.hapf") as reader:
+        assert {ref.track.codec for ref in reader.channels} == {"KNOT"}
+    assert run("plot", tmp_path / "a.hapf", "-o", tmp_path / "a.png") == 0
+    figure = pages[0][0][0]
+    assert "knots" not in figure.axes[0].get_legend_handles_labels()[1]
+
+
 def test_gaps_events_and_few_samples(tmp_path, pages):
     x = np.array([1.0, np.nan, 3.0, 2.0])
     known = Channel.from_physical(x, 1000, label="x", unit="N", lsb=1.0)

@@ -399,3 +399,58 @@ class TestKeptStamps:
         data = archive(x=[1.0, 2], t=[0.0, 1.0], rate="1/1000", start_tick=2**40)
         with pytest.raises(ParameterError, match="the time stamps cannot be kept"):
             read(data, format="npz", keep_stamps=True)
+
+
+@pytest.mark.parametrize(
+    ("unit", "first", "step"),
+    [
+        ("ms", 1_760_000_000_123, 2),
+        ("us", 1_760_000_000_123_457, 2000),
+        ("ns", 1_760_000_000_123_456_789, 2_000_000),
+        ("us", 17, 2000),
+        ("ns", 17, 2_000_000),
+    ],
+)
+@pytest.mark.parametrize("rated", [False, True])
+def test_integer_times_of_an_archive(unit: str, first: int, step: int, rated: bool) -> None:
+    """Key "stamps" is a channel, whose integers no doubles are equal to."""
+    scale = {"ms": 10**6, "us": 1000, "ns": 1}[unit]
+    times = first + step * np.arange(1000)
+    stamps = 1_760_000_000_123_456_789 + 2_000_000 * np.arange(1000)
+    keys = {"fs": 500} if rated else {}
+    found = read(
+        archive(time=times, force=np.arange(1000.0), stamps=stamps, **keys),
+        format="npz",
+        keep_stamps=True,
+    )
+    assert found.labels == ["force", "stamps", "stamp"]
+    assert all(channel.rate_exact == 500 for channel in found)
+    assert found["stamps"].stored.tolist() == stamps.tolist()
+    assert found.epoch_ns == (None if rated or first == 17 else first * scale)
+    kept = stamps_of(found["stamp"].stored, np.arange(1000), Fraction(500), found.epoch_ns or 0)
+    assert kept.tolist() == (times * scale).tolist()
+    assert (
+        f"key 'time' holds integers, which are read as times in {unit}" in found.metadata["notes"]
+    )
+
+
+def test_small_integers_of_an_archive_are_seconds() -> None:
+    found = read(archive(t=np.arange(5) * 2, x=np.arange(5.0)), format="npz")
+    assert found[0].rate_exact == Fraction(1, 2) and not found.metadata
+
+
+def test_a_first_column_of_another_name_that_may_hold_times() -> None:
+    rows = [f"{row / 500:.3f};{row % 7}\n" for row in range(100)]
+    source = ("Zeit;Kraft\n" + "".join(rows)).encode()
+    with pytest.raises(
+        ParameterError, match=r"If 'Zeit' holds times, call it 't', .* as 'Zeit \[ms\]'"
+    ):
+        read(io.BytesIO(source), format="csv")
+    found = read(io.BytesIO(source), format="csv", rate=500)
+    assert found.labels == ["Zeit", "Kraft"]
+    assert found.metadata["notes"][0].startswith("'Zeit' rises evenly, as times do, and became")
+    for first in (b"7;", b"0.01;"):
+        other = source.replace(b"0.100;", first)
+        assert not read(io.BytesIO(other), format="csv", rate=500).metadata
+    named = read(io.BytesIO(source.replace(b"Zeit", b"Zeit [s]")), format="csv")
+    assert named.labels == ["Kraft"] and named[0].rate_exact == 500

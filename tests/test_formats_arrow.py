@@ -251,8 +251,13 @@ class TestForeign:
             }
         )  # fmt: skip
         data = written(table, kind)
-        assert read(data).labels == ["device_us", "fx", "fy"]
+        found = read(data)
+        assert found.labels == ["device_us", "fx", "fy"]
+        assert found.metadata["notes"] == [
+            "column 'device_us' is a channel; its name says that it may hold times"
+        ]
         found = read(data, select="f*", clock="device_us")
+        assert not found.metadata
         assert found.labels == ["fx", "fy"] and found[0].rate_exact == 100
         assert {c.clock for c in found.clocks} == {"host"}
         assert found.clocks[0] == ClockObservation("host", 0, 0, 1_700_000_000_000 * 10**6)

@@ -147,7 +147,7 @@ class TestTopics:
             match=r"called '/ft/wench'; did you mean '/ft/wrench'\? There are: /ft/wrench, ",
         ):
             read(path, select="/ft/wench")
-        with pytest.raises(ParameterError, match=r"called 'zzz'; there are: /ft/wrench, "):
+        with pytest.raises(ParameterError, match=r"called 'zzz'\. There are: /ft/wrench, "):
             read(path, select="zzz")
 
     def test_a_selected_channel_comes_without_the_notes_and_events_of_others(self, kind, folder):
@@ -194,6 +194,28 @@ class TestTopics:
 
 class TestTimes:
     """The simulated bag of 1 kHz: 40 ppm of drift, a delay of 80 us, 30 rows lost, bursts of 12."""
+
+    def test_a_given_rate_leaves_that_of_other_topics(self, folder):
+        uneven = [0, 13, 51, 64, 87, 311]
+        with bag(folder, "mcap", "rates") as one:
+            for row in range(100):
+                stamp = START + row * 2_000_000
+                one.put("/even", stamp, one.wrench(stamp, [row] * 6))
+            for row in range(100):
+                stamp = START + row * 10_000_000
+                one.put("/slow", stamp, one.wrench(stamp, [row] * 6))
+            for ms in uneven:
+                stamp = START + ms * 1_000_000
+                one.put("/uneven", stamp, one.wrench(stamp, [ms] * 6))
+        path = path_of(folder, "mcap", "rates")
+        with imported(path, rate=200) as (_, found):
+            rates = {table.name: table.rate for table in found.tables}
+        assert rates == {"/even": 500, "/slow": 100, "/uneven": 200}
+        with (
+            pytest.raises(ParameterError, match="have several rates"),
+            imported(path, rate=200, select=["/even", "/slow"]),
+        ):
+            pass
 
     @pytest.mark.parametrize("way", KINDS)
     @pytest.mark.parametrize("clock", ["header", "log"])
@@ -494,6 +516,8 @@ class TestJson:
         odd = writer.register_channel("/odd", "flatbuffer", log)
         writer.add_message(texts, 10**18, b'{"message": "began", "level": 2}', 0)
         writer.add_message(odd, 10**18, b"?", 0)
+        plain = writer.register_channel("/plain", "x-own", 0)
+        writer.add_message(plain, 10**18, b"?", 0)
         writer.add_attachment(0, 0, "notes.txt", "text/plain", b"hello")
         writer.add_metadata("robot", {"arm": "left"})
         writer.finish()
@@ -504,6 +528,9 @@ class TestJson:
         assert (
             "topic /odd (foxglove.Log) is not read: messages with the encoding 'flatbuffer' are not known"
             in recording.metadata["notes"]
+        )
+        assert any(
+            note.startswith("topic /plain is not read: ") for note in recording.metadata["notes"]
         )
 
 

@@ -349,10 +349,25 @@ def metadata_texts(key: str, value: Any) -> list[str]:
         return [f"{key}: {value}"]
     if key == "notes" and isinstance(value, list) and all(isinstance(x, str) for x in value):
         return [f"note: {each}" for each in value]
+    if key == "source_units" and isinstance(value, dict):
+        return source_unit_texts(value)
     text = json.dumps(value, ensure_ascii=False)
     if len(text) <= SHOWN_CHARACTERS:
         return [f"{key}: {text}"]
     return [f"{key}: {text[:SHOWN_CHARACTERS]} ... ({len(text)} characters; --json shows all)"]
+
+
+def source_unit_texts(units: dict[str, Any]) -> list[str]:
+    """A line for each unit text of the source, and the channels that have it."""
+    labels: dict[str, list[str]] = {}
+    for label, text in units.items():
+        labels.setdefault(str(text), []).append(label)
+    lines = []
+    for text, names in labels.items():
+        shown = ", ".join(names[:3])
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        lines.append(f"source unit {text!r}: {shown}{more}")
+    return lines
 
 
 def event_row(event: dict[str, Any]) -> list[str]:

@@ -20,6 +20,7 @@ from .common import (
     memory_option,
     progress,
 )
+from .encode import unit_text
 from .screen import Column, Verb, note, say, table
 
 if TYPE_CHECKING:
@@ -109,10 +110,12 @@ def show(chosen: Format, found: Import) -> None:
     labels = iter(found.labels)
     rows = []
     for each in found.tables:
+        before = ""  # of neighbours with the same unit text, the first shows it
         for place, column in enumerate(each.columns):
-            unit = column.unit
-            if column.source_unit not in ("", unit):
+            unit = unit_text(column.unit) or "-"
+            if column.source_unit not in ("", column.unit, before):
                 unit += f" (from {column.source_unit!r})"
+            before = column.source_unit
             rows.append(
                 [
                     next(labels),

@@ -875,12 +875,18 @@ def read_table(container: Container, options: ReadOptions, kind: str) -> Import:
         for leaf in chosen(columns, options.select)
         if leaf.column != column and not (leaf.column in indexes and _is_unnamed(leaf.column))
     ]
+    if not own and options.clock is None:
+        notes += [
+            f"column {leaf.name!r} is a channel; its name says that it may hold times"
+            for leaf in leaves
+            if not leaf.shape and _has_time_unit(leaf.name)
+        ]
     left = [leaf.column for leaf in columns.leaves if leaf.column in indexes]
     notes += [f"the index {name!r} of pandas is not read" for name in left if _is_unnamed(name)]
     notes += [
         note
         for note in columns.notes
-        if not (column is not None and note.startswith(f"column {column!r} ("))
+        if not any(note.startswith(f"column {name!r} (") for name in (column, *others))
     ]
     parts = parts_of(leaves, notes)
     if not parts:
@@ -961,6 +967,12 @@ def _observed(
             return [ClockObservation(*each) for each in found]
     notes.append(f"the times in column {column!r} are not read")
     return []
+
+
+def _has_time_unit(name: str) -> bool:
+    """Whether a name such as device_us or "clock [ms]" ends in a unit of time."""
+    last = name.rpartition("_")[2]
+    return split_name(name)[1] in TIME_UNITS or (last != name and last in ("ms", "us", "ns"))
 
 
 def _is_unnamed(name: str) -> bool:

@@ -157,6 +157,11 @@ def exact_doubles(x: NDArray[Any], what: str) -> NDArray[np.float64]:
     return doubles
 
 
+def are_doubles(x: NDArray[Any]) -> bool:
+    """Whether a double is equal to each of these 64-bit integers."""
+    return bool(_fits_53_bits(x).all())
+
+
 def _fits_53_bits(x: NDArray[Any]) -> NDArray[np.bool_]:
     """Whether each 64-bit integer has at most 53 bits between its first and its last 1."""
     magnitude = x.astype(np.uint64)

@@ -45,6 +45,8 @@ _DECIMALS_LIMIT = 18
 _GAP_ROWS = 1_000_000
 """Most rows without any sample that are written. Where there are more, the time column shows
 them."""
+_EVENLY = 8
+"""Fewer rows may rise by chance."""
 _MILLISECONDS = 1e11
 """Times from here on, in a column that names no unit, are milliseconds or less since 1970."""
 
@@ -168,6 +170,11 @@ class _Table:
             first, x = 1, x[:, 1:]
         else:
             stamps, grid = self._stamps, self._grid(len(x), rate)
+            if stamps is None and columns > 1 and _rises_evenly(x[:, 0]):
+                notes.append(
+                    f"{self._names[0][:40]!r} rises evenly, as times do, and became a channel; "
+                    "name the unit in the header if it holds times"
+                )
         notes += grid.notes
         for note in grid.notes:
             warnings.warn(note, MovedTimesWarning, stacklevel=5)
@@ -194,7 +201,12 @@ class _Table:
         if self._keep_stamps:
             raise ParameterError("no first column 't [s]', so there are no time stamps to keep")
         if rate is None:
-            raise ParameterError("no first column 't [s]' and no rate; give one (rate=)")
+            name = self._names[0][:40]
+            raise ParameterError(
+                f"no first column 't [s]' and no rate. If {name!r} holds times, call it 't', "
+                f"'time' or 'timestamp', or name its unit, as '{split_name(name)[0]} [ms]'; "
+                "otherwise give a rate (rate=)"
+            )
         return TickGrid(rate, np.arange(rows), ())
 
     def _reader(self, lines: Iterable[str]) -> Iterator[list[str]]:
@@ -340,6 +352,14 @@ class _Table:
         if column is not None:
             place += f", column {column + 1} ({self._names[column][:40]!r})"
         raise ParameterError(f"{place}: {message}")
+
+
+def _rises_evenly(x: NDArray[np.float64]) -> bool:
+    with np.errstate(all="ignore"):
+        steps = np.diff(x)
+        return bool(
+            x.size > _EVENLY and steps[0] > 0 and (np.abs(steps / np.median(steps) - 1) < 0.5).all()
+        )
 
 
 def _channel(

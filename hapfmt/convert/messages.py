@@ -22,10 +22,19 @@ from ..errors import LimitError, ParameterError, similar
 from ..numbers import counted
 from ..recording import Calibration, Event
 from ..units import to_ucum
+from .common import several_rates
 from .formats import ReadOptions
 from .ros_types import COVARIANCE, JOINTS, NOT_READ, TEXTS, TOPICS, meaning, plain
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
-from .timestamps import Placed, align, observations, place, stamp_channel, stamp_label
+from .timestamps import (
+    Placed,
+    align,
+    observations,
+    place,
+    place_at_need,
+    stamp_channel,
+    stamp_label,
+)
 
 ROWS = 2048
 """Messages of a topic that are decoded at a time, unless they are large."""
@@ -324,6 +333,8 @@ class _MessageReading:
         clocks: dict[int, str] = {}
         columns: dict[int, list[_TopicColumn]] = {}
         eventful: list[int] = []
+        takes_rate = False
+        is_one = sum(bool(s.logs) and plain(s.topic.kind) not in TEXTS for s in scans.values()) == 1
         for number, scan in scans.items():
             if not scan.logs:
                 self.note(scan.topic, f"topic {scan.topic.title} has no messages")
@@ -332,15 +343,20 @@ class _MessageReading:
             is_text = plain(scan.topic.kind) in TEXTS
             if not is_text:
                 columns[number] = self.columns_of(scan)
-            where = None
+            where, is_given = None, False
             if columns.get(number):
-                where = place(
-                    stamps[number],
-                    name=f"topic {scan.topic.title}",
-                    rate=self.options.rate,
-                    sequence=self.sequence_of(scan),
-                )
-            if where is not None and (self.options.rate or not _is_sparse(where)):
+                name, sequence = f"topic {scan.topic.title}", self.sequence_of(scan)
+                if is_one and self.options.rate is not None:
+                    is_given = True
+                    where = place(
+                        stamps[number], name=name, rate=self.options.rate, sequence=sequence
+                    )
+                else:
+                    where, is_given = place_at_need(
+                        stamps[number], self.options.rate, name=name, sequence=sequence
+                    )
+            takes_rate |= is_given
+            if where is not None and (is_given or not _is_sparse(where)):
                 placed[number] = where
                 continue
             has_columns = bool(columns.pop(number, None))
@@ -352,6 +368,8 @@ class _MessageReading:
                     f"topic {scan.topic.title} has no steady rate; its "
                     f"{counted(len(scan.logs), 'message')} are events",
                 )
+        if self.options.rate is not None and placed and not takes_rate:
+            raise several_rates()
         self.check_clocks(clocks, stamps)
         eventful = [number for number in eventful if self.is_named(scans[number].topic)]
         events = self.raw_events(eventful, scans, stamps)
@@ -458,10 +476,10 @@ class _MessageReading:
     @staticmethod
     def why_not(topic: Topic) -> str:
         what = NOT_READ.get(plain(topic.kind))
+        name = f"{topic.title} ({topic.kind})" if topic.kind else topic.title
         if what is not None:
-            return f"{what} of topic {topic.title} ({topic.kind}) are not read"
-        kind = f" ({topic.kind})" if topic.kind else ""
-        return f"topic {topic.title}{kind} is not read: {topic.reason}"
+            return f"{what} of topic {name} are not read"
+        return f"topic {name} is not read: {topic.reason}"
 
     def selected(self, tables: Sequence[ImportTable], topics: Sequence[Topic]) -> list[list[int]]:
         """The columns of each table that are wanted."""
@@ -488,9 +506,11 @@ class _MessageReading:
                     *(column.label for table in tables for column in table.columns),
                 ]
                 near = similar(pattern, known, 0.6)
-                hint = f"; did you mean {near!r}? There are" if near else "; there are"
+                hint = f"; did you mean {near!r}?" if near else "."
                 listed = ", ".join(known[:20]) + (" ..." if len(known) > 20 else "")
-                raise ParameterError(f"no topic or channel is called {pattern!r}{hint}: {listed}")
+                raise ParameterError(
+                    f"no topic or channel is called {pattern!r}{hint} There are: {listed}"
+                )
         return found
 
     # first pass

@@ -15,7 +15,8 @@
                         ``clock``, ``channel``, ``tick``, ``time_ns`` and ``uncertainty_ns``
 ``clock_maps``          text, JSON: a list of objects with ``clock``, ``channel`` and
                         ``points``, a list of [tick, time_ns]
-``t``                   [samples] true times in s: compared with the grid, not stored
+``t``                   [samples] true times in s: compared with the grid, not stored. Integers
+                        may be ms, us or ns, which their size or their steps tell
 ======================  =============================================================
 
 Where channels differ in rate, each rate is a group. Its keys end in __0, __1 ...
@@ -55,6 +56,7 @@ from ..times import STEADY, TickGrid, TimeStamps, deviation_note, whole_ns
 from .common import (
     CHANNEL_LIMIT,
     Dense,
+    are_doubles,
     choose_rate,
     exact_doubles,
     not_carried,
@@ -75,6 +77,10 @@ _ZIP_ERRORS = (
 )  # fmt: skip
 _RATES = ("fs", "Fs", "sampling_rate", "sample_rate", "samplerate", "sfreq")
 _TIMES = ("t", "time", "times", "timestamps")
+_UNIX_S = (946_684_800, 4_102_444_800)
+"""Times between the years 2000 and 2100 count from 1970."""
+_COUNTED = (100, 100_000)
+"""Integer times in steps from here on are microseconds, and nanoseconds."""
 _GROUPS = 1000
 """Rates of a file."""
 _DIRECTORY_SIZE = 1 << 21
@@ -241,7 +247,7 @@ def _plain(archive: _Archive) -> list[str]:
 
 def _array_of(
     archive: _Archive, ending: str, transpose: bool | None
-) -> tuple[NDArray[np.float64], list[str]]:
+) -> tuple[Sequence[NDArray[Any]], list[str]]:
     """[channels, samples], and the labels that the keys themselves are."""
     labelled = (
         archive.shape(f"channel_names{ending}")[0]
@@ -280,15 +286,18 @@ def _array_of(
         what = f"key {keys[0]!r}"
         nameless = array.ndim == 2 or re.fullmatch(r"x(__\d+)?|arr_\d+", keys[0])
         named = [] if nameless else keys
-        return doubles_2d(array, what, labelled=count, transpose=transpose), named
+        return list(doubles_2d(array, what, labelled=count, transpose=transpose)), named
     if len(keys) > CHANNEL_LIMIT:
         raise LimitError(f"{len(keys)} channels, more than {CHANNEL_LIMIT}")
-    rows = [
-        exact_doubles(array, f"key {key!r}")
-        for key in keys
-        if (array := archive.array(key)) is not None
-    ]
-    return np.stack(rows), keys
+    rows = [_row(array, key) for key in keys if (array := archive.array(key)) is not None]
+    return rows, keys
+
+
+def _row(array: NDArray[Any], key: str) -> NDArray[Any]:
+    """A channel in an array of its own. 64-bit integers stay if no doubles equal them."""
+    if array.dtype.kind in "iu" and array.dtype.itemsize == 8 and not are_doubles(array):
+        return array.astype(array.dtype.newbyteorder("="), copy=False)
+    return exact_doubles(array, f"key {key!r}")
 
 
 class _Group(NamedTuple):
@@ -303,9 +312,10 @@ class _Group(NamedTuple):
 def _channels(archive: _Archive, ending: str, options: ReadOptions, notes: list[str]) -> _Group:
     rate, keep = options.rate, options.keep_stamps
     x, keys = _array_of(archive, ending, options.transpose)
-    channels, ticks = x.shape
+    channels = len(x)
     if not channels:
         return _Group([])
+    ticks = len(x[0])
     labels = archive.texts(f"channel_names{ending}") or keys
     labels = labels or [f"ch{i + 1}" for i in range(channels)]
     if len(labels) == ticks != channels:
@@ -337,7 +347,7 @@ def _channels(archive: _Archive, ending: str, options: ReadOptions, notes: list[
     keys_of_times = [f"{name}{ending}" for name in (_TIMES if not ending else _TIMES[:1])]
     times = None
     for key in [key for key in keys_of_times if key in archive.members][:1]:
-        times = exact_doubles(archive.numbers(key, "iuf", "numbers", TICK_LIMIT), f"key {key!r}")
+        times = _times(archive, key, notes)
     if times is not None and found is None:
         grid, kept = _grid(times, rate, ticks, keep)
         found = grid.rate
@@ -367,26 +377,54 @@ def _channels(archive: _Archive, ending: str, options: ReadOptions, notes: list[
     return _Group(made, grid.epoch_ns, None if kept is None else kept_stamps(kept, grid))
 
 
-def _in_ns(times: NDArray[np.float64] | None, ticks: int, key: str) -> list[int]:
+class _Times(NamedTuple):
+    """Times of samples: floats in seconds, or int64 in a unit of ``exponent``."""
+
+    values: NDArray[Any]
+    exponent: int = 0
+
+
+def _times(archive: _Archive, key: str, notes: list[str]) -> _Times:
+    """Integers count from 1970, by their size, or in steps that are too large for seconds."""
+    x = archive.numbers(key, "iuf", "numbers", TICK_LIMIT)
+    if x.dtype.kind == "f" or not x.size or int(x.max()) >= 1 << 63:
+        return _Times(exact_doubles(x, f"key {key!r}"))
+    x = x.astype(np.int64)
+    exponent = next(
+        (power for power in (0, -3, -6, -9) if _UNIX_S[0] <= int(x[0]) * 10.0**power <= _UNIX_S[1]),
+        None,
+    )
+    step = float(np.median(np.diff(x))) if x.size > 1 else 0.0
+    if exponent is None:
+        exponent = 0 if step < _COUNTED[0] else -6 if step < _COUNTED[1] else -9
+    if exponent:
+        unit = {-3: "ms", -6: "us", -9: "ns"}[exponent]
+        notes.append(f"key {key!r} holds integers, which are read as times in {unit}")
+    return _Times(x, exponent)
+
+
+def _in_ns(times: _Times | None, ticks: int, key: str) -> list[int]:
     """The times of samples whose rate is known already."""
     if times is None:
         raise ParameterError(f"no key {key!r}, so there are no time stamps to keep")
-    if len(times) != ticks or not np.isfinite(times).all():
+    values, exponent = times
+    if len(values) != ticks or not np.isfinite(values).all():
         raise ParameterError(
-            f"the sample times cannot be kept: there are {len(times)}, perhaps not finite, for "
+            f"the sample times cannot be kept: there are {len(values)}, perhaps not finite, for "
             f"{ticks} samples"
         )
     with refusing("the sample times cannot be kept"):
-        return [whole_ns(Decimal(repr(time))) for time in times.tolist()]
+        return [whole_ns(Decimal(repr(time)), exponent) for time in values.tolist()]
 
 
 def _grid(
-    times: NDArray[np.float64], rate: Fraction | None, ticks: int, keep: bool
+    times: _Times, rate: Fraction | None, ticks: int, keep: bool
 ) -> tuple[TickGrid, Sequence[int] | None]:
-    if len(times) != ticks:
-        raise ParameterError(f"{len(times)} times for {ticks} samples; give the rate (rate=)")
-    stamps = TimeStamps(keep=keep)
-    for time in times.tolist():
+    values, exponent = times
+    if len(values) != ticks:
+        raise ParameterError(f"{len(values)} times for {ticks} samples; give the rate (rate=)")
+    stamps = TimeStamps(exponent, keep=keep)
+    for time in values.tolist():
         try:
             stamps.add(repr(time))
         except ValueError as error:
@@ -406,22 +444,23 @@ def _rate(archive: _Archive, ending: str) -> Fraction | None:
     return exact
 
 
-def _times_notes(
-    times: NDArray[np.float64], rate: Fraction, ticks: int, start: int, *, kept: bool
-) -> list[str]:
+def _times_notes(times: _Times, rate: Fraction, ticks: int, start: int, *, kept: bool) -> list[str]:
     """What the grid, which replaces the true times of the samples, in s, does not keep of them."""
-    if len(times) != ticks or not ticks or not np.isfinite(times).all():
+    values, scale = times.values, 10.0**times.exponent
+    if len(values) != ticks or not ticks or not np.isfinite(values).all():
         return [
             "the sample times (key 't') are not stored: "
-            f"there are {len(times)}, perhaps not finite, for {ticks} samples"
+            f"there are {len(values)}, perhaps not finite, for {ticks} samples"
         ]
     with np.errstate(over="ignore"):
-        largest = float(np.abs(times - times[0] - np.arange(ticks) * float(1 / rate)).max())
+        passed = (values - values[0]) * scale
+        largest = float(np.abs(passed - np.arange(ticks) * float(1 / rate)).max())
+    first = float(values[0]) * scale
     notes = []
     if largest > STEADY / float(rate):
         notes.append(deviation_note(largest, rate, " (key 't')", kept=kept))
-    if abs(float(times[0]) - start / rate) > max(largest, STEADY / float(rate)):
-        notes.append(f"the times begin at {float(times[0])} s, which became tick {start}")
+    if abs(first - start / rate) > max(largest, STEADY / float(rate)):
+        notes.append(f"the times begin at {first} s, which became tick {start}")
     return notes
 
 

@@ -83,19 +83,23 @@ def place(
 
 
 def place_at_need(
-    stamps_ns: NDArray[np.int64], given: Fraction | None, *, name: str
+    stamps_ns: NDArray[np.int64],
+    given: Fraction | None,
+    *,
+    name: str,
+    sequence: ArrayLike | None = None,
 ) -> tuple[Placed | None, bool]:
     """As :func:`place`; at the rate that the caller gives, only where the stamps tell none. And
     whether that was so."""
     try:
-        found = place(stamps_ns, name=name)
+        found = place(stamps_ns, name=name, sequence=sequence)
     except ParameterError:
         if given is None:
             raise
         found = None
     if found is not None or given is None:
         return found, False
-    return place(stamps_ns, name=name, rate=given), True
+    return place(stamps_ns, name=name, rate=given, sequence=sequence), True
 
 
 def _placed(

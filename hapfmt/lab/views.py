@@ -43,8 +43,12 @@ def knots_within(
     reader: Reader, ref: ChannelRef, start: Fraction, stop: Fraction
 ) -> NDArray[np.int64] | None:
     """Ticks of the knots in [start, stop), ascending; None where they are too many to show, or the
-    channel is not coded in knots."""
-    tracks = {part.track.id: part.track for part in ref.parts if part.track.codec == "KNOT"}
+    channel is not coded in knots, or exactly: its knots leave nothing out."""
+    tracks = {
+        part.track.id: part.track
+        for part in ref.parts
+        if part.track.codec == "KNOT" and part.contract is not None
+    }
     if not tracks:
         return None
     ranges = {id_: tick_range(track.rate, start, stop) for id_, track in tracks.items()}

@@ -216,6 +216,9 @@ def whole_ticks(axis: Axis) -> None:
 DIM = "#57606a"
 NAME = 24
 """Characters of a label that fit next to an axis."""
+GAPS_HATCHED = 100
+STRIP = 0.04
+"""Height of the strip of more gaps than these, relative to the panel."""
 EVENTS_NAMED = 10
 """Texts of more events would hide the signal and each other."""
 POINTS = 60
@@ -339,7 +342,7 @@ def curve(
     axes.plot(
         at / unit.seconds, factor * y, color=PALETTE[name], lw=width, solid_capstyle="round",
         # A sample between two gaps has no line; few samples are points.
-        label=name, marker="." if lonely(y) or at.size <= POINTS else "", ms=2 + width,
+        label=name, marker="." if lonely(outline.most) or at.size <= POINTS else "", ms=2 + width,
     )  # fmt: skip
 
 
@@ -351,9 +354,14 @@ def lonely(y: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> bool:
 
 
 def absences(axes: Axes, view: ChannelView, unit: TimeUnit, *, named: bool = True) -> None:
-    """Hatches gaps, and frames and crosses damage."""
+    """Hatches gaps, and frames and crosses damage. Many gaps are a strip at the bottom: hatches
+    would cover the signal."""
     smallest = (view.stop - view.start) / 600
-    spans(axes, [wide(a, b, smallest) for a, b in view.gaps], unit, "gap", "///")
+    partly = view.full.missing() & (view.full.counts > 0)
+    is_sparse = len(view.gaps) + np.count_nonzero(partly) > GAPS_HATCHED
+    height = STRIP if is_sparse else 1
+    gaps = [wide(a, b, smallest) for a, b in view.gaps]
+    spans(axes, gaps, unit, "gap", "" if is_sparse else "///", height)
     losses = [(*wide(loss.start, loss.stop, smallest), loss.what) for loss in view.losses]
     spans(axes, [loss[:2] for loss in losses], unit, "lost to damage", "xxx")
     if named and len(losses) <= EVENTS_NAMED:
@@ -364,14 +372,20 @@ def absences(axes: Axes, view: ChannelView, unit: TimeUnit, *, named: bool = Tru
 
 
 def spans(
-    axes: Axes, seconds: Sequence[tuple[float, float]], unit: TimeUnit, name: str, hatch: str
+    axes: Axes,
+    seconds: Sequence[tuple[float, float]],
+    unit: TimeUnit,
+    name: str,
+    hatch: str,
+    height: float = 1,
 ) -> None:
-    """Hatches spans over the whole height; ``name`` selects the colour from the palette."""
+    """Hatches spans over this share of the height; ``name`` selects the colour from the
+    palette."""
     if not seconds:
         return
     colour = PALETTE[name]
     axes.broken_barh(
-        [(a / unit.seconds, (b - a) / unit.seconds) for a, b in seconds], (0, 1),
+        [(a / unit.seconds, (b - a) / unit.seconds) for a, b in seconds], (0, height),
         transform=axes.get_xaxis_transform(), facecolor=f"{colour}40", edgecolor=colour,
         hatch=hatch, lw=0 if colour == GAP else 0.8, zorder=0.5, label=name,
     )  # fmt: skip
