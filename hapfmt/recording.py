@@ -344,7 +344,8 @@ def _numbers(x: Any, what: str) -> NDArray[Any]:
         ) from None
     if array.dtype == object:
         raise ParameterError(
-            f"{what} holds Python objects, not numbers; convert it with .astype(float)"
+            f"{what} holds Python objects, not numbers; leave texts out, and convert numbers with "
+            ".astype(float)"
         )
     if array.dtype.kind not in "biuf":
         raise ParameterError(f"{what} holds {array.dtype} values, not real numbers")

@@ -278,6 +278,13 @@ class TestTables:
         for a, b in zip(rec, back, strict=True):
             assert (a.rate_exact, a.coverage, a.unit) == (b.rate_exact, b.coverage, b.unit)
 
+    def test_a_column_of_texts_is_to_be_left_out(self):
+        pandas = pytest.importorskip("pandas")
+        phase = pandas.Series(["reach", "hold"], dtype=object)
+        frame = pandas.DataFrame({"x": [1.0, 2.0], "phase": phase})
+        with pytest.raises(ParameterError, match=r"'phase' holds Python objects.*leave texts out"):
+            Recording.from_array(frame, rate=10)
+
     def test_dates_give_the_epoch(self):
         pandas = pytest.importorskip("pandas")
         index = pandas.date_range("2026-11-22T17:00:00", periods=10, freq="10ms")
