@@ -358,6 +358,24 @@ class TestTables:
         for name, rate in rates.items():
             assert Recording.from_array(frame.rename_axis(index=name))[0].rate == rate
 
+    @pytest.mark.parametrize("dtype", [None, object, "category", "string"])
+    def test_a_column_of_texts_is_refused_with_advice_that_works(self, dtype, tmp_path):
+        pandas = pytest.importorskip("pandas")
+        phase = pandas.Series([None] + ["rest"] * 9 + ["press"] * 10, dtype=dtype)
+        frame = pandas.DataFrame({"fx": np.arange(20.0), "phase": phase})
+        frame.index = pandas.Index(np.arange(20) / 100, name="time")
+        with pytest.raises(
+            ParameterError, match=r"'phase' .* holds texts.*drop\(columns='phase'\)"
+        ):
+            hapfmt.write(frame, tmp_path / "a.hapf")
+        assert Recording.from_array(frame.drop(columns="phase")).labels == ["fx"]
+        frame.to_parquet(tmp_path / "a.parquet")
+        events = hapfmt.read(tmp_path / "a.parquet").events
+        assert [event.text for event in events] == ["rest", "press"]
+        frame["phase"] = pandas.to_datetime(np.arange(20), unit="s")
+        with pytest.raises(ParameterError, match="'phase' of the DataFrame holds times"):
+            Recording.from_array(frame)
+
     def test_a_column_of_times_is_named(self):
         pandas = pytest.importorskip("pandas")
         frame = pandas.DataFrame({"t [s]": [0.0, 0.1], "x": [1.0, 2.0]})
