@@ -256,7 +256,7 @@ def _recording_of_frame(
     return Recording(
         tuple(
             channel_of(
-                _row(frame.iloc[:, place].to_numpy(), name), rate,
+                _row(_column(frame, place), name), rate,
                 ticks=ticks, label=name, unit=code,
             )
             for place, (name, code) in enumerate(zip(names, codes, strict=True))
@@ -264,6 +264,21 @@ def _recording_of_frame(
         epoch_ns=epoch_ns,
         metadata=_metadata_of(frame.attrs.get("metadata")) | ({"notes": [*notes]} if notes else {}),
     )  # fmt: skip
+
+
+def _column(frame: Any, place: int) -> NDArray[Any]:
+    """The numbers of a column of a DataFrame."""
+    column, name = frame.iloc[:, place], frame.columns[place]
+    is_text = any(isinstance(cell, str) for cell in column.dropna().head())
+    if is_text or getattr(column.dtype, "kind", "O") in "mM":
+        what = "texts" if is_text else "times"
+        raise ParameterError(
+            f"column {name!r} of the DataFrame holds {what}, and channels hold numbers; leave it "
+            f"out with .drop(columns={name!r}), or write the table with .to_parquet() and encode "
+            "that file"
+        )
+    array: NDArray[Any] = column.to_numpy()
+    return array
 
 
 def channel_of(
@@ -329,7 +344,8 @@ def _numbers(x: Any, what: str) -> NDArray[Any]:
         ) from None
     if array.dtype == object:
         raise ParameterError(
-            f"{what} holds Python objects, not numbers; convert it with .astype(float)"
+            f"{what} holds Python objects, not numbers; leave texts out, and convert numbers with "
+            ".astype(float)"
         )
     if array.dtype.kind not in "biuf":
         raise ParameterError(f"{what} holds {array.dtype} values, not real numbers")

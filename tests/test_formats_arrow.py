@@ -270,9 +270,9 @@ class TestForeign:
         ns = 1_700_000_000 * 10**9 + np.arange(500) * 10**6 + rng.integers(-90_000, 90_000, 500)
         table = pa.table({"t": pa.array(ns, pa.timestamp("ns")), "x": np.arange(500.0)})
         found = read(written(table, kind), keep_stamps=True)
-        assert found.labels == ["x", "stamps"] and found[0].rate_exact == 1000
+        assert found.labels == ["x", "stamp"] and found[0].rate_exact == 1000
         ticks = np.arange(500) * 10**6
-        assert (found["stamps"].stored + found.epoch_ns + ticks == ns).all()
+        assert (found["stamp"].stored + found.epoch_ns + ticks == ns).all()
 
     def test_rows_without_a_rate_become_events(self, kind):
         times = np.array([0.0, 0.71318, 3.14159, 3.27172, 9.90013])

@@ -361,6 +361,16 @@ class TestLayouts:
 
         assert read_made(fill).labels == ["left.fx", "right.fx", "fy"]
 
+    def test_stamps_of_several_tables_have_the_names_of_the_tables(self) -> None:
+        def fill(file: Any) -> None:
+            for name, rate in (("left", 100), ("right", 50)):
+                put(file, f"{name}/t", np.arange(99) / rate)
+                put(file, f"{name}/{name[0]}x", np.zeros(99))
+
+        labels = ["lx", "left.stamp", "rx", "right.stamp"]
+        assert read_made(fill, keep_stamps=True).labels == labels
+        assert read_made(fill, keep_stamps=True, select="left").labels == ["lx", "stamp"]
+
     def test_select(self) -> None:
         def fill(file: Any) -> None:
             file.attrs["fs"] = 10
@@ -394,9 +404,9 @@ class TestLayouts:
             put(file, "a/stamp", stamps)
 
         found = read_made(fill, keep_stamps=True)
-        assert found.labels == ["a", "a.stamp"]
+        assert found.labels == ["a", "stamp"]
         assert np.array_equal(
-            found.epoch_ns + np.arange(3000) * 1_000_000 + found["a.stamp"].stored, stamps
+            found.epoch_ns + np.arange(3000) * 1_000_000 + found["stamp"].stored, stamps
         )
 
     def test_values_come_in_blocks(self) -> None:

@@ -295,9 +295,7 @@ class TestTimes:
         kept = read(root, keep_stamps=True)
         stamps = np.float32(times).astype(float) * 1e9
         expected = np.rint(stamps) - np.arange(100) * 10**9 // 30
-        assert (
-            kept.labels == ["x", "stamps"] and kept["stamps"].stored.tolist() == expected.tolist()
-        )
+        assert kept.labels == ["x", "stamp"] and kept["stamp"].stored.tolist() == expected.tolist()
 
     def test_stamps_of_another_rate(self, tmp_path):
         root = frames(np.arange(300) / 25, 30, tmp_path / "a")

@@ -700,6 +700,19 @@ for call in (
         subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
         assert not [*tmp_path.iterdir()]
 
+    def test_notes_of_an_earlier_conversion_are_not_told_again(self, tmp_path):
+        with bag(tmp_path, "bag", "noted") as one:
+            for row in range(100):
+                t = START + row * 10**7
+                one.put("/ft", t, one.wrench(t, [row] * 6, row))
+            one.put("/rare", START, one.make("std_msgs/msg/Float64", 1.0))
+        first = run("convert", "noted.bag", "a.hapf", cwd=tmp_path)
+        assert b"topic /rare has no steady rate" in first.stderr
+        assert b"/rare" in run("info", "a.hapf", cwd=tmp_path).stdout
+        for words in (["convert", "a.hapf", "b.npz"], ["encode", "a.hapf", "b.hapf"]):
+            done = run(*words, cwd=tmp_path)
+            assert done.returncode == 0 and b"rare" not in done.stderr
+
     def test_schema_is_for_mcap(self, tmp_path):
         save(Recording((plain("a", "N"),)), tmp_path / "a.npz")
         for name in ("a.csv", "a.hapf"):
@@ -708,6 +721,37 @@ for call in (
 
 
 class TestFromBags:
+    @pytest.mark.parametrize("way", ["ros2", "json"])
+    def test_topics_keep_their_names(self, tmp_path, way):
+        with bag(tmp_path, "bag", "named") as one:
+            for row in range(100):
+                t = START + row * 10**7
+                one.put("/left/ft_sensor/wrench", t, one.wrench(t, [row] * 6, row))
+                one.put("/b/wrench", t, one.wrench(t, [row] * 6, row))
+                for name in ("/near", "/arm/far"):
+                    one.put(name, t, one.make("std_msgs/msg/Float64", row / 2))
+        whole = read(path_of(tmp_path, "bag", "named"))
+        assert whole.metadata["topics"]["/near"] == ["near"]
+        hapfmt.write(whole, tmp_path / "named.hapf")
+        stored = hapfmt.read(tmp_path / "named.hapf")
+        target = io.BytesIO()
+        save(stored, target, format="mcap", schema=way)
+        names = {"/left/ft_sensor/wrench", "/b/wrench", "/near", "/arm/far"}
+        assert {channel.topic for _, channel, _ in messages(target.getvalue())} == names
+        back = read(io.BytesIO(target.getvalue()))
+        assert back.labels == whole.labels
+        assert np.array_equal(back.to_numpy(), whole.to_numpy())
+
+    @pytest.mark.parametrize(
+        "wrong", [3, ["a"], {"": ["a"]}, {"\0": ["a"]}, {"/x": "a"}, {"/x": [3, {}]}]
+    )
+    def test_other_metadata_of_that_name(self, wrong):
+        recording = Recording((plain("a", "N"),), metadata={"topics": wrong})
+        target = io.BytesIO()
+        save(recording, target, format="mcap")
+        assert {channel.topic for _, channel, _ in messages(target.getvalue())} == {"/samples"}
+        assert read(io.BytesIO(target.getvalue())).metadata["topics"] == wrong
+
     def test_a_bag_of_ros_1_becomes_the_same_messages(self, tmp_path):
         with bag(tmp_path, "bag") as one:
             for row in range(100):
@@ -717,7 +761,7 @@ class TestFromBags:
         data, _ = written(recording, "mcap")
         for row, (topic, time, message) in enumerate(decoded(data)):
             assert (topic, time, message.wrench.force.x) == (
-                "/wrench",
+                "/ft",
                 START + row * 10**7,
                 row / 3,
             )

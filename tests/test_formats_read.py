@@ -99,7 +99,7 @@ def xdf_stamps() -> str:
 
 def xdf_kept_stamps() -> str:
     back = read_xdf(xdf_stream("int16", stamps=LATE), keep_stamps=True)
-    kept = back["force.stamp"]
+    kept = back["stamp"]
     zero = next(c.time_ns for c in back.clocks) - int(kept.stored[0])
     stamps = stamps_of(kept.stored, np.arange(200), kept.rate_exact, zero)
     assert np.abs(stamps - np.rint(np.array(LATE) * 1e9)).max() <= 1
@@ -189,7 +189,7 @@ def tdms_stamps() -> str:
 
 def tdms_kept_stamps() -> str:
     back = tdms_stamped(np.array(LATE), keep_stamps=True)
-    kept = back["g.stamp"]
+    kept = back["stamp"]
     stamps = stamps_of(kept.stored, np.arange(200), kept.rate_exact, back.epoch_ns)
     expected = (START + np.rint(np.array(LATE) * 1e6).astype(int) * np.timedelta64(1, "us")).astype(
         "M8[ns]"

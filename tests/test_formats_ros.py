@@ -143,9 +143,12 @@ class TestTopics:
         ]
         assert np.array_equal(read(path, select="wrench.force.y").to_numpy()[0], x[:, 1])
         with pytest.raises(
-            ParameterError, match=r"called '/ft/wench'; did you mean '/ft/wrench'\?"
+            ParameterError,
+            match=r"called '/ft/wench'; did you mean '/ft/wrench'\? There are: /ft/wrench, ",
         ):
             read(path, select="/ft/wench")
+        with pytest.raises(ParameterError, match=r"called 'zzz'\. There are: /ft/wrench, "):
+            read(path, select="zzz")
 
     def test_a_selected_channel_comes_without_the_notes_and_events_of_others(self, kind, folder):
         with bag(folder, kind, "others") as one:
@@ -738,6 +741,36 @@ class TestDamage:
         except ParameterError as error:
             assert len(str(error)) < 1000
         assert time.process_time() - began < 20
+
+    @pytest.mark.parametrize("chunk_size", [1 << 10, 1 << 20])
+    def test_a_file_cut_in_half_has_advice(self, chunk_size):
+        seen = (("/x", START + row * 10**7, {"x": row}) for row in range(2000))
+        data = json_mcap(seen, chunk_size=chunk_size)
+        with pytest.raises(ParameterError, match=r"middle of a record.* \(mcap recover\)$"):
+            read(data[: len(data) // 2], format="mcap")
+
+    def test_a_bag_cut_in_half_has_advice(self, tmp_path):
+        path, _ = wrenches(tmp_path, "bag")
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        with pytest.raises(ParameterError, match=r"no whole index.* \(rosbag reindex\)$"):
+            read(path)
+
+    @pytest.mark.parametrize("name", ["a.bag", "a.db3", "a.mcap"])
+    def test_an_empty_file(self, name, tmp_path):
+        (tmp_path / name).touch()
+        with pytest.raises(ParameterError, match=r"the file is empty$"):
+            read(tmp_path / name)
+
+    def test_messages_without_a_type_are_named_without_brackets(self):
+        from mcap.writer import Writer
+
+        stream = io.BytesIO()
+        writer = Writer(stream)
+        writer.start()
+        writer.add_message(writer.register_channel("/raw", "binary", 0), START, b"x", START)
+        writer.finish()
+        [note] = read(stream.getvalue(), format="mcap").metadata["notes"]
+        assert note.startswith("topic /raw is not read: ")
 
     def test_a_bag_that_lost_a_part(self, folder):
         path, _ = wrenches(folder, "mcap", name="lost")

@@ -142,9 +142,9 @@ class TestSession:
     def test_original_stamps(self) -> None:
         data, _ = session()
         back = read(data, keep_stamps=True, select="glove")
-        assert back.labels == ["fx", "emg", "glove.stamp"]
-        assert back["glove.stamp"].unit == "ns"
-        assert np.abs(back["glove.stamp"].stored).max() <= 1
+        assert back.labels == ["fx", "emg", "stamp"]
+        assert back["stamp"].unit == "ns"
+        assert np.abs(back["stamp"].stored).max() <= 1
 
     def test_start_of_the_header(self) -> None:
         xml = b"<info><datetime>2021-06-01T13:20:05-0400</datetime></info>"

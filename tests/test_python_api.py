@@ -278,6 +278,13 @@ class TestTables:
         for a, b in zip(rec, back, strict=True):
             assert (a.rate_exact, a.coverage, a.unit) == (b.rate_exact, b.coverage, b.unit)
 
+    def test_a_column_of_texts_is_to_be_left_out(self):
+        pandas = pytest.importorskip("pandas")
+        phase = pandas.Series(["reach", "hold"], dtype=object)
+        frame = pandas.DataFrame({"x": [1.0, 2.0], "phase": phase})
+        with pytest.raises(ParameterError, match=r"'phase' holds Python objects.*leave texts out"):
+            Recording.from_array(frame, rate=10)
+
     def test_dates_give_the_epoch(self):
         pandas = pytest.importorskip("pandas")
         index = pandas.date_range("2026-11-22T17:00:00", periods=10, freq="10ms")
@@ -350,6 +357,24 @@ class TestTables:
         rates = {"t [ms]": 200, "time_ms": 200, "t [s]": 0.2, "time": 0.2}
         for name, rate in rates.items():
             assert Recording.from_array(frame.rename_axis(index=name))[0].rate == rate
+
+    @pytest.mark.parametrize("dtype", [None, object, "category", "string"])
+    def test_a_column_of_texts_is_refused_with_advice_that_works(self, dtype, tmp_path):
+        pandas = pytest.importorskip("pandas")
+        phase = pandas.Series([None] + ["rest"] * 9 + ["press"] * 10, dtype=dtype)
+        frame = pandas.DataFrame({"fx": np.arange(20.0), "phase": phase})
+        frame.index = pandas.Index(np.arange(20) / 100, name="time")
+        with pytest.raises(
+            ParameterError, match=r"'phase' .* holds texts.*drop\(columns='phase'\)"
+        ):
+            hapfmt.write(frame, tmp_path / "a.hapf")
+        assert Recording.from_array(frame.drop(columns="phase")).labels == ["fx"]
+        frame.to_parquet(tmp_path / "a.parquet")
+        events = hapfmt.read(tmp_path / "a.parquet").events
+        assert [event.text for event in events] == ["rest", "press"]
+        frame["phase"] = pandas.to_datetime(np.arange(20), unit="s")
+        with pytest.raises(ParameterError, match="'phase' of the DataFrame holds times"):
+            Recording.from_array(frame)
 
     def test_a_column_of_times_is_named(self):
         pandas = pytest.importorskip("pandas")

@@ -626,13 +626,16 @@ def notes_of(recording: Recording) -> list[str]:
     return [each for each in notes if isinstance(each, str)] if isinstance(notes, list) else []
 
 
-def tell_notes(recording: Recording) -> None:
-    """Notes on changes while reading the input, and on its gaps."""
-    for each in notes_of(recording):
+def tell_notes(recording: Recording, is_hapf: bool) -> list[str]:
+    """Tell the notes on changes while reading the input, and on its gaps; returns the first. The
+    notes in a .hapf file are those of an earlier conversion: hapfmt info shows them."""
+    notes = [] if is_hapf else notes_of(recording)
+    for each in notes:
         note(each)
     units = [channel.unit for channel in recording]
     gaps = [[gap.ticks for gap in channel.gaps] for channel in recording]
     tell_gaps(recording.labels, units, gaps)
+    return notes
 
 
 def tell_import(found: Import) -> None:

@@ -19,7 +19,6 @@ from .common import (
     json_option,
     labels_option,
     memory_option,
-    notes_of,
     opened_input,
     output_format_option,
     output_of,
@@ -98,7 +97,7 @@ def convert(
         labels=labels, unit=unit, **given,
     ) as (found, code):  # fmt: skip
         if isinstance(found, Recording):
-            tell_notes(found)
+            notes = tell_notes(found, suffix_of(source, input_format) == HAPF)
             if suffix == HAPF:
                 with progress("encoding") as advance:
                     write(found, output_of(target), Settings(), force=force, progress=advance)
@@ -107,7 +106,6 @@ def convert(
                     found, target, output_format, force, max_memory, schema=schema, fps=fps
                 )
             count, written = found.sample_count, contents(found)
-            notes = notes_of(found)
         else:
             tell_import(found)
             with progress("encoding") as advance:

@@ -406,7 +406,7 @@ def encode(
             duration = found.duration
         else:
             recording = found
-            tell_notes(recording)
+            tell_notes(recording, suffix_of(source, input_format) == HAPF)
             tell_lossy(recording)
             for place, names in enumerate(vectors):
                 recording = with_vector(recording, names.split(","), f"vector {place + 1}")

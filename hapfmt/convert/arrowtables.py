@@ -55,7 +55,7 @@ from .common import choose_rate, not_carried, one_rate, rate_from, refusing, uni
 from .formats import ReadOptions, WriteOptions
 from .own import CARRIED, own_json, own_members, restored_counts, with_own
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
-from .timestamps import Placed, observations, place, restart, stamp_channel
+from .timestamps import Placed, observations, place, restart, stamp_channel, stamp_label
 
 ROWS = 1 << 16
 """Most rows of a batch."""
@@ -527,7 +527,7 @@ def import_of_columns(
             )
         )  # fmt: skip
     if stamps is not None:
-        column = ImportColumn("stamps", "ns", dtype=np.dtype(np.int64))
+        column = ImportColumn(stamp_label(name, 1), "ns", dtype=np.dtype(np.int64))
         tables.append(ImportTable(name, (column,), rate, rows, ticks, start_tick, kind))
 
     def blocks() -> Iterator[ImportBlock]:

@@ -29,7 +29,7 @@ from ..units import split_name, to_ucum
 from .common import CHANNEL_LIMIT, filled_rates, rate_from, several_rates, unit_of
 from .formats import ReadOptions
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
-from .timestamps import Placed, align, place, place_at_need, stamp_channel
+from .timestamps import Placed, align, place, place_at_need, stamp_channel, stamp_label
 
 Path = tuple[str, ...]
 
@@ -629,6 +629,7 @@ def built(tree: SourceTree, planned: list[PlannedTable], options: ReadOptions) -
         raise several_rates()
     epoch_ns, zero, starts = _zero(grids, stamps, notes)
     labels = _labels(planned, tree)
+    timed = sum(x is not None and y is not None for x, y in zip(grids, stamps, strict=True))
     tables: list[ImportTable] = []
     sources: list[tuple[PlannedTable, NDArray[np.int64] | None]] = []
     events: list[Event] = []
@@ -641,9 +642,8 @@ def built(tree: SourceTree, planned: list[PlannedTable], options: ReadOptions) -
         if grid is not None and own is not None and options.keep_stamps:
             extra = stamp_channel(grid, own, epoch_ns or 0, starts[number])
             stem = one.name.strip("/").replace("/", ".")
-            columns.append(
-                ImportColumn(f"{stem}.stamp" if stem else "stamp", "ns", dtype=np.dtype(np.int64))
-            )
+            label = stamp_label(stem, timed if stem else 1)
+            columns.append(ImportColumn(label, "ns", dtype=np.dtype(np.int64)))
         if grid is None and one.rate is None:
             raise ParameterError(f"{one.name} has neither times nor a rate; give a rate (rate=)")
         ticks = None if grid is None else grid.ticks

@@ -9,6 +9,7 @@ import json
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, cast
@@ -25,7 +26,7 @@ from .tables import Import
 
 try:
     from mcap.data_stream import ReadDataStream
-    from mcap.exceptions import McapError
+    from mcap.exceptions import McapError, RecordLengthLimitExceeded
     from mcap.opcode import Opcode
     from mcap.records import (
         Attachment,
@@ -49,6 +50,10 @@ _MESSAGE = struct.Struct("<HIQQ")
 _RECORD = struct.Struct("<BQ")
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER_SIZE = 29
+_CUT = (
+    "the file ends in the middle of a record, as after a crash of the recorder; the program mcap "
+    "repairs it (mcap recover)"
+)
 _TOO_LARGE = "the descriptions and attachments take more than the {} bytes allowed"
 
 
@@ -76,6 +81,18 @@ def _read(parts: Sequence[Path | BinaryIO], options: ReadOptions) -> Import:
     )
 
 
+@contextmanager
+def _refused() -> Iterator[None]:
+    """The exceptions of mcap on damaged files. No record is longer than the file."""
+    try:
+        with refusing("the MCAP file is damaged", struct.error, RuntimeError):
+            yield
+    except RecordLengthLimitExceeded:
+        raise ParameterError(_CUT) from None
+    except McapError as error:
+        raise ParameterError(f"the MCAP file is damaged: {error}") from error
+
+
 class _ExactStream:
     """A stream that never gives fewer bytes than asked for, nor allocates more than there are."""
 
@@ -83,14 +100,14 @@ class _ExactStream:
         self.stream = stream
         stream.seek(0, 2)
         self.size = stream.tell()
+        if not self.size:
+            raise ParameterError("the file is empty")
         stream.seek(0)
         self.at = 0
 
     def read(self, size: int) -> bytes:
         if size > self.size - self.at:
-            raise ParameterError(
-                "the file ends in the middle of a record; mcap recover (the program) repairs it"
-            )
+            raise ParameterError(_CUT)
         self.at += size
         data = self.stream.read(size)
         if len(data) != size:
@@ -138,7 +155,7 @@ class _McapFile:
         reader = StreamReader(cast(BinaryIO, exact), emit_chunks=True, record_size_limit=exact.size)
         records = reader.records
         while True:
-            with refusing("the MCAP file is damaged", McapError, struct.error, RuntimeError):
+            with _refused():
                 record = next(records, None)
             if record is None:
                 return
@@ -211,7 +228,7 @@ class _McapFile:
         exact.seek(start)
         found: list[Any] = [header]
         reader = StreamReader(cast(BinaryIO, exact), skip_magic=True, record_size_limit=exact.size)
-        with refusing("the MCAP file is damaged", McapError, struct.error, RuntimeError):
+        with _refused():
             indexed = [*reader.records]
         statistics = next((one for one in indexed if isinstance(one, Statistics)), None)
         channels = [one for one in indexed if isinstance(one, Channel)]
@@ -232,7 +249,7 @@ class _McapFile:
         reader = StreamReader(
             cast(BinaryIO, exact), skip_magic=True, record_size_limit=exact.size, emit_chunks=True
         )
-        with refusing("the MCAP file is damaged", McapError, struct.error, RuntimeError):
+        with _refused():
             return next(reader.records)
 
     def _describe(self, part: int, records: Sequence[Any]) -> None:

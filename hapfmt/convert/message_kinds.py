@@ -17,8 +17,11 @@ import numpy as np
 
 from ..recording import Channel, Recording, Span
 from .own import restored_counts
+from .ros_types import TOPICS
 
 OWN_KIND = "hapfmt_msgs/msg/Samples"
+_NAME_LIMIT = 255
+"""Characters of the name of a topic."""
 _FIELDS = 1000
 """Channels of a message of our own type."""
 _SLICE = 1 << 18
@@ -131,41 +134,55 @@ def number_type(channel: Channel) -> str:
 def topics_of(recording: Recording, *, standard: bool) -> list[WrittenTopic]:
     """The topics of a recording. ``standard``: with types of ROS where they fit."""
     types = [number_type(channel) for channel in recording.channels]
-    groups: dict[tuple[Fraction, tuple[Span, ...], str], list[int]] = {}
+    groups: dict[tuple[Fraction, tuple[Span, ...], str, str], list[int]] = {}
+    names = _topic_names(recording)
     for number, channel in enumerate(recording.channels):
-        key = (channel.rate_exact, channel.coverage, channel.device)
+        topic = names.get(channel.label, "")
+        key = (channel.rate_exact, channel.coverage, channel.device, topic)
         groups.setdefault(key, []).append(number)
     taken = {"/events": 1}
     found = []
     own = 0
-    for (rate, spans, device), members in groups.items():
+    for (rate, spans, device, topic), members in groups.items():
         left = list(members)
         if standard:
             fitting = [number for number in members if types[number].startswith("float")]
-            for kind, channels, paths, joints in _standard(recording, fitting):
-                title = _title(recording, channels, kind)
+            for kind, channels, places, joints in _standard(recording, fitting):
+                title = topic or f"/{_title(recording, channels, kind)}"
                 constants = _CONSTANTS if "Imu" in kind and len(channels) == 6 else {}
                 found.append(
                     WrittenTopic(
-                        _unused(f"/{title}", taken), kind, rate, spans, device, tuple(channels),
-                        tuple(paths), tuple(joints), (), constants,
+                        _unused(title, taken), kind, rate, spans, device, tuple(channels),
+                        tuple(places), tuple(joints), (), constants,
                     )
                 )  # fmt: skip
                 used = set(channels)
                 left = [number for number in left if number not in used]
         for first in range(0, len(left), _FIELDS):
             some = left[first : first + _FIELDS]
-            names = field_names([recording.channels[number].label for number in some])
+            paths = field_names([recording.channels[number].label for number in some])
             own += 1
             kind = OWN_KIND + (str(own) if own > 1 else "")
-            title = _title(recording, some, "samples")
+            title = topic or f"/{_title(recording, some, 'samples')}"
             found.append(
                 WrittenTopic(
-                    _unused(f"/{title}", taken), kind, rate, spans, device, tuple(some),
-                    tuple(names), (), tuple(zip([types[n] for n in some], names, strict=True)),
+                    _unused(title, taken), kind, rate, spans, device, tuple(some),
+                    tuple(paths), (), tuple(zip([types[n] for n in some], paths, strict=True)),
                 )
             )  # fmt: skip
     return found
+
+
+def _topic_names(recording: Recording) -> dict[str, str]:
+    """By label, from the metadata of a recording of a bag; {} where they are something else."""
+    found = recording.metadata.get(TOPICS)
+    return {
+        label: name
+        for name, labels in (found.items() if isinstance(found, dict) else ())
+        if isinstance(labels, list) and 0 < len(name) <= _NAME_LIMIT and _is_text(name)
+        for label in labels
+        if isinstance(label, str)
+    }
 
 
 def _standard(

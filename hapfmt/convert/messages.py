@@ -24,7 +24,7 @@ from ..recording import Calibration, Event
 from ..units import to_ucum
 from .common import several_rates
 from .formats import ReadOptions
-from .ros_types import COVARIANCE, JOINTS, NOT_READ, TEXTS, meaning, plain
+from .ros_types import COVARIANCE, JOINTS, NOT_READ, TEXTS, TOPICS, meaning, plain
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
 from .timestamps import (
     Placed,
@@ -411,7 +411,7 @@ class _MessageReading:
         for table, wanted in zip(tables, selected, strict=True):
             final.append(replace(table, columns=tuple(table.columns[c] for c in wanted)))
         reading.tables = final
-        return Import(
+        found = Import(
             tables=tuple(final),
             blocks=reading.blocks,
             epoch_ns=epoch,
@@ -424,6 +424,12 @@ class _MessageReading:
             notes=self.notes_of(titles),
             clocks=tuple(self.observed(order, scans, placed, final)),
         )
+        labels = iter(found.labels)
+        topics: dict[str, list[str]] = {}
+        for n, table in zip(order, final, strict=True):
+            own = topics.setdefault(scans[n].topic.name, [])
+            own += [next(labels) for _ in table.columns]
+        return replace(found, metadata={**({TOPICS: topics} if topics else {}), **metadata})
 
     @staticmethod
     def observed(

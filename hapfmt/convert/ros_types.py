@@ -104,6 +104,8 @@ COVARIANCE = re.compile(r"(^|[._])(covariance|variance)(\[\d+\])*$")
 """Paths of what describes the noise of the other numbers."""
 
 JOINTS = "sensor_msgs/JointState"
+TOPICS = "topics"
+"""Member of the metadata of a recording: the labels of the channels of each topic."""
 
 
 def plain(kind: str) -> str:

@@ -30,6 +30,10 @@ except ImportError:
 
 _CHUNK_LIMIT = 1 << 28
 """Bytes of an unpacked chunk; recorders write chunks of about 1 MB."""
+_NO_INDEX = (
+    "the bag has no whole index, as after a crash of the recorder; the program rosbag repairs it "
+    "(rosbag reindex)"
+)
 _METADATA_LIMIT = 1 << 22
 _SHOWN = 1 << 12
 """Messages between two calls of the progress."""
@@ -41,6 +45,8 @@ def read(source: Source, options: ReadOptions) -> Import:
     path = source.path
     if source.head.startswith(b"#ROSBAG"):
         return _read_bag(rosbag1.Reader(path), options, _bounded_chunks)
+    if not source.head:
+        raise ParameterError("the file is empty")
     if not path.suffix.lower() == ".db3":
         raise ParameterError("this is not a ROS bag; give a .bag, a .db3, or the folder of a bag")
     return _read_bag(rosbag2.Reader(path), options, _nothing)
@@ -150,7 +156,12 @@ class _BagFile:
     def opened(self) -> Iterator[None]:
         with ExitStack() as stack:
             with _refused():
-                self.reader.open()
+                try:
+                    self.reader.open()
+                except rosbag1.ReaderError as error:
+                    if "index" not in str(error).lower():
+                        raise
+                    raise ParameterError(_NO_INDEX) from error
                 stack.callback(self.reader.close)
                 self.prepare(self.reader, self.options.max_memory)
             yield

@@ -30,7 +30,7 @@ from ..recording import Calibration
 from .common import filled_rates, refusing, selected, several_rates, unit_of
 from .formats import ReadOptions, Source
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
-from .timestamps import Placed, observations, place, place_at_need, stamp_channel
+from .timestamps import Placed, observations, place, place_at_need, stamp_channel, stamp_label
 
 _NS = 10**9
 _EPOCH_S = 2_082_844_800
@@ -113,10 +113,11 @@ def read(source: Source, options: ReadOptions) -> Import:
     clocks = [replace(c, tick=c.tick + tables[number].start_tick) for number, c in seen]
     clocks += _starts(found, tables)
     kept = []
+    stamped = sum(channel.stamps is not None for channel in found)
     for channel, table in zip(found, tuple(tables), strict=True):
         if channel.stamps is not None and options.keep_stamps:
             kept.append(stamp_channel(*channel.stamps, zero or 0, table.start_tick))
-            name = f"{channel.group}.stamp"
+            name = stamp_label(channel.group, stamped)
             column = ImportColumn(name, "ns", group=channel.group, dtype=kept[-1].dtype)
             tables.append(replace(table, name=name, columns=(column,), kind="TimeStamp"))
     return Import(

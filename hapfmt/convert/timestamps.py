@@ -196,8 +196,8 @@ def _steady(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.int64]:
     places = np.flatnonzero(steps < limit)
     if places.size > _IN_TURN * stamps.size + 1:
         raise ParameterError(
-            "the stamps go back and forth, so two clocks or publishers seem to take turns; "
-            "store each as a file of its own"
+            "the stamps go back and forth; sort the rows if they are shuffled, or store each as a "
+            "file of its own if two clocks or publishers take turns"
         )
     for row in places.tolist():
         before = np.median(stamps[max(row + 1 - _AROUND, 0) : row + 1] - stamps[0])

@@ -30,7 +30,7 @@ from ..recording import Calibration, Event
 from .common import filled_rates, read_bytes, refusing, selected, several_rates, unit_of
 from .formats import ReadOptions, Source
 from .tables import Import, ImportBlock, ImportColumn, ImportTable
-from .timestamps import Placed, align, observations, place, stamp_channel
+from .timestamps import Placed, align, observations, place, stamp_channel, stamp_label
 
 _FILE_HEADER, _STREAM_HEADER, _SAMPLES, _CLOCK_OFFSET = 1, 2, 3, 4
 _DTYPES = {
@@ -146,7 +146,9 @@ def read(source: Source, options: ReadOptions) -> Import:
             events += _events(stream, said, times, dropped)
             continue
         start = starts[len(tables)]
-        table, kept = _table(stream, each, start, next(labels), ns, zero - shift, options, notes)
+        table, kept = _table(
+            stream, each, start, next(labels), ns, zero - shift, len(starts), options, notes
+        )
         tables.append(table)
         readers.append((stream, own, kept))
         clocks += _clocks(stream, own, each, ns, start, channel)
@@ -511,10 +513,12 @@ def _table(
     labels: Sequence[str],
     stamps: NDArray[np.int64],
     zero: int,
+    count: int,
     options: ReadOptions,
     notes: list[str],
 ) -> tuple[ImportTable, NDArray[Any] | None]:
-    """The table, and the values of its channel of stamps, if one is asked for."""
+    """The table, and the values of its channel of stamps, if one is asked for. ``count``: of tables
+    with stamps."""
     dtype = np.dtype(stream.dtype).newbyteorder("=")
     counts = dtype.kind == "i" and dtype.itemsize < 8
     columns = [
@@ -532,7 +536,7 @@ def _table(
     if options.keep_stamps:
         kept = stamp_channel(placed, stamps, zero, start)
         columns.append(
-            ImportColumn(f"{stream.name}.stamp", "ns", group=stream.name, dtype=kept.dtype)
+            ImportColumn(stamp_label(stream.name, count), "ns", group=stream.name, dtype=kept.dtype)
         )
     ticks = placed.ticks
     plain = bool((np.diff(ticks) == 1).all()) and not ticks[0]
