@@ -361,9 +361,7 @@ class TestRoundTrip:
         assert back.clocks == (ClockObservation("pc", 1, 5, 7),)
         assert back.clock_maps[0].channel == 1
         assert read(data, select="/samples_2").labels == ["b"]
-        with pytest.raises(
-            ParameterError, match=r"no topic or channel is called 'z'\. There are: "
-        ):
+        with pytest.raises(ParameterError, match=r"no topic or channel is called 'z'; there are: "):
             read(data, select="z")
 
     def test_integers_of_64_bits(self, schema):
