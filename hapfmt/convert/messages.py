@@ -506,11 +506,9 @@ class _MessageReading:
                     *(column.label for table in tables for column in table.columns),
                 ]
                 near = similar(pattern, known, 0.6)
-                hint = f"; did you mean {near!r}?" if near else "."
+                hint = f"; did you mean {near!r}? There are" if near else "; there are"
                 listed = ", ".join(known[:20]) + (" ..." if len(known) > 20 else "")
-                raise ParameterError(
-                    f"no topic or channel is called {pattern!r}{hint} There are: {listed}"
-                )
+                raise ParameterError(f"no topic or channel is called {pattern!r}{hint}: {listed}")
         return found
 
     # first pass
