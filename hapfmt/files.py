@@ -171,6 +171,8 @@ def target(
 def refuse(name: str, force: bool) -> None:
     """Raise ParameterError where nothing may be written at ``name``."""
     path = Path(name)
+    # A Path leaves out a separator at the end.
+    as_directory = name.endswith((os.sep, os.altsep or os.sep))
     if not name or path.name in ("", ".."):
         raise ParameterError("not a file name", path=name or "''")
     try:
@@ -182,7 +184,7 @@ def refuse(name: str, force: bool) -> None:
                 f"{name} is a symbolic link to a file that does not exist; "
                 "use force=True to write it"
             ) from None
-        if names_a_directory(name):
+        if as_directory:
             raise refusal(f"the directory {name} does not exist") from None
         parent = Path(os.path.realpath(name)).parent
         if not parent.is_dir():
@@ -190,7 +192,7 @@ def refuse(name: str, force: bool) -> None:
         return
     if stat.S_ISDIR(mode):
         raise refusal(f"{name} is a directory")
-    if names_a_directory(name):
+    if as_directory:
         raise refusal(f"{name}: {path} is a file, not a directory")
     if not stat.S_ISREG(mode):
         raise refusal(f"{name} is not a regular file and cannot be replaced")
@@ -198,11 +200,6 @@ def refuse(name: str, force: bool) -> None:
         raise refusal(f"{name} already exists; use force=True to overwrite it")
     if in_use(path):
         raise refusal(f"Another program is writing {name}")
-
-
-def names_a_directory(name: str) -> bool:
-    """True of a name that ends in a separator, which a Path would leave out."""
-    return name.endswith((os.sep, os.altsep or os.sep))
 
 
 def refusal(message: str) -> ParameterError:

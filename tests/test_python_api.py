@@ -282,7 +282,7 @@ class TestTables:
         pandas = pytest.importorskip("pandas")
         phase = pandas.Series(["reach", "hold"], dtype=object)
         frame = pandas.DataFrame({"x": [1.0, 2.0], "phase": phase})
-        with pytest.raises(ParameterError, match=r"'phase' holds Python objects.*leave texts out"):
+        with pytest.raises(ParameterError, match=r"leave it out with .drop\(columns='phase'\)"):
             Recording.from_array(frame, rate=10)
 
     def test_dates_give_the_epoch(self):
@@ -447,7 +447,7 @@ class TestTables:
         for dtype in (">f8", ">i2", ">f4"):
             assert Recording.from_array(np.arange(3).astype(dtype), 5)[0].samples()[1] == 1
         for dtype in (object, np.longdouble):
-            with pytest.raises(ParameterError, match="convert it"):
+            with pytest.raises(ParameterError, match=r"convert it|convert numbers"):
                 Recording.from_array(np.arange(3).astype(dtype), 5)
 
     def test_xarray(self):

@@ -114,7 +114,7 @@ def run(more: list[str], tests: list[str]) -> int:
             "PYTHONPATH": folder,
             "PYTHONMALLOC": "malloc",
             # Here it is the memory that is tested, and everything takes ten times as long.
-            "HYPOTHESIS_PROFILE": "brief",
+            "HYPOTHESIS_PROFILE": "dev",
         }
         environment.pop("HAPFMT_PURE", None)
         told = asked([sys.executable, "-c", CHECK], cwd=folder, env=environment)
