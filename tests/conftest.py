@@ -29,6 +29,7 @@ sys.path[:0] = [str(ROOT / "conformance" / part) for part in ("gen", "adapters/p
 
 COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("dev", max_examples=10, derandomize=True, **COMMON)
+settings.register_profile("brief", max_examples=20, derandomize=True, **COMMON)
 settings.register_profile("ci", max_examples=25, derandomize=True, print_blob=True, **COMMON)
 settings.register_profile("nightly", max_examples=3000, **COMMON)
 settings.load_profile(PROFILE)

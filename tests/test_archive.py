@@ -12,7 +12,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -908,12 +907,21 @@ def test_names_never_lead_out_of_the_target():
     assert found == ["/out/x.hapf", "/out/etc/x.hapf"]
 
 
-@dataclass(frozen=True)
-class Deadly(Limits):
-    """Ends the process that unpacks it."""
+def deadly() -> Limits:
+    """Limits that end any worker which unpacks them."""
 
-    def __reduce__(self) -> Any:
-        return os._exit, (9,)
+    class Deadly(Limits):
+        def __setstate__(self, state: Any) -> None:
+            import multiprocessing
+            import os
+
+            if multiprocessing.parent_process() is not None:  # not the scheduler
+                os._exit(9)
+
+        def __getstate__(self) -> Any:
+            return {"deadly": True}
+
+    return Deadly()
 
 
 @pytest.mark.deep
@@ -942,7 +950,7 @@ class TestDask:
             n_workers=1,
             threads_per_worker=1,
             processes=False,
-            dashboard_address=None,
+            dashboard_address=":0",
             protocol="tcp://",
         ) as cluster:
             words = ("verify", "in", "--dask", cluster.scheduler_address)
@@ -962,9 +970,9 @@ class TestDask:
             write_hapf(tmp_path / "in" / f"{seed:02}.hapf", seed)
         found = places.find_places([str(tmp_path / "in")], places.is_hapf)
         todo = [jobs.Job("verify", place) for place in found]
-        todo[7] = jobs.Job("verify", todo[7].place, limits=Deadly())
+        todo[7] = jobs.Job("verify", todo[7].place, limits=deadly())
         with distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50
+            n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50
         ) as cluster:
             outcomes = runs.run(todo, address=cluster.scheduler_address)
         assert [each.exit_code for each in outcomes] == [0] * 7 + [1] + [0] * 12
@@ -988,9 +996,9 @@ class TestDask:
         ]
         assert len(workers) == 2
         workers[0].kill()
-        out, err = process.communicate(timeout=120)
+        out, _ = process.communicate(timeout=120)
         found = json.loads(out)
-        assert (found["results"], found["exit_code"]) == ({"encoded": 40}, 0), err
+        assert (found["results"], found["exit_code"]) == ({"encoded": 40}, 0), out
         assert visible(tmp_path / "out") == {f"{seed}.hapf" for seed in range(40)}
 
 

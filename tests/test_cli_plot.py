@@ -506,9 +506,7 @@ def test_every_vector_gives_a_picture_or_one_of_our_errors():
     for path in sorted((ROOT / "conformance" / "vectors").rglob("*.hapf"))[::4]:
         with ExitStack() as opened:
             try:
-                pair = [
-                    open_parts(str(path), None, None, Limits.of_memory("64M")) for _ in range(2)
-                ]
+                pair = [open_parts(str(path), None, Limits.of_memory("64M")) for _ in range(2)]
                 for parts in pair:
                     opened.callback(parts.close)
                 plot.draw(pair[0], None, path.name, None, None, False)

@@ -134,7 +134,7 @@ class TestThePage:
             back = hapfmt.read(tmp_path / words.split()[-1])
             assert back.labels == ["thumb", "index"] and back.sample_count == 3000
         done = hapfmt_in(tmp_path, "inspect", "grasp.glv", path=tmp_path)
-        assert done.returncode == 1 and "Glove" not in done.stdout
+        assert done.returncode == 2 and "Glove" not in done.stdout
 
     def test_files_with_faults(self, glove: Path, tmp_path: Path):
         for data in (b"GLOVE1\n", b"GLOVE1\n{}\n", b"GLOVE1\n[", b"GLOVE1\n\xff\n"):

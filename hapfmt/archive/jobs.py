@@ -43,6 +43,8 @@ class Job:
     options: Mapping[str, Any] = field(default_factory=dict)
     limits: Limits = field(default_factory=Limits)
     force: bool = False
+    begun: bool = False
+    """This run began it when its target was not there, so a target that is there now is its own."""
 
 
 @dataclass

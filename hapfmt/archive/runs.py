@@ -259,7 +259,7 @@ def cluster(workers: int | None, address: str | None) -> Iterator[Any]:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)
         try:
             local = distributed.LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None,
+                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0",
                 silence_logs=50,
             )  # fmt: skip
         finally:
@@ -291,7 +291,10 @@ def distributed(
             if batch and (waiting[0] in alone or batch[0][0] in alone):
                 break
             place = waiting.popleft()
-            batch.append((place, one_thread(begin(place))))
+            job = one_thread(begin(place))
+            if job.target and not is_url(job.target) and not job.force:
+                job = replace(job, begun=not target_exists(job))
+            batch.append((place, job))
             size += batch[-1][1].place.size
         if batch:
             # A worker that dies takes no file along: its jobs run elsewhere.

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import os
 import time
 import warnings
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 from ..errors import INTACT, DataWarning, HapfmtError
 from ..format.source import is_url, shown
@@ -26,7 +28,10 @@ def run_job(job: Job) -> FileOutcome:
             raise OSError(errno.EIO, job.place.error)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            WORK[job.verb](job, outcome)
+            if job.begun and os.path.lexists(job.target):
+                finished(job, outcome)
+            else:
+                WORK[job.verb](job, outcome)
         outcome.notes += [str(each.message) for each in caught if our_warning(each.category)]
     except HapfmtError as error:
         error.path = None
@@ -41,6 +46,14 @@ def run_job(job: Job) -> FileOutcome:
         outcome.message = outcome.message or "unknown"
     outcome.seconds = time.perf_counter() - began
     return outcome
+
+
+def finished(job: Job, outcome: FileOutcome) -> None:
+    """A worker completed the output, and died before it could tell."""
+    outcome.result = {"encode": "encoded", "convert": "converted", "recover": "recovered"}[job.verb]
+    outcome.exit_code = INTACT
+    outcome.written_size = Path(job.target).stat().st_size
+    outcome.notes.append("finished by a process that ended before it reported")
 
 
 def our_warning(category: type[Warning]) -> bool:
