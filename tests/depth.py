@@ -35,7 +35,8 @@ def either(name: str, quick: Any, deep: Any, nightly: Any = None) -> pytest.Mark
 
 def sample(cases: Iterable[Any], share: int = 10, always: Iterable[Any] = ()) -> list[Any]:
     """Parameters of which a random part (the same in each run), and some by name, run always; the
-    others are deep. A case may be a parameter with an id."""
+    others are deep: every third in the profile ``ci``, all in ``nightly``. A case may be a parameter
+    with an id."""
     cases = [case if isinstance(case, tuple) else (case,) for case in cases]
     always = set(always)
     few = set(random.Random(1).sample(range(len(cases)), -(-len(cases) // share)))
@@ -44,5 +45,7 @@ def sample(cases: Iterable[Any], share: int = 10, always: Iterable[Any] = ()) ->
         param = case if hasattr(case, "marks") else pytest.param(*case)
         named = {param.id, *(value for value in param.values if isinstance(value, str))}
         marks = () if place in few or named & always else (pytest.mark.deep,)
+        if marks and PROFILE == "ci" and place % 3:
+            continue
         found.append(pytest.param(*param.values, id=param.id, marks=(*param.marks, *marks)))
     return found

@@ -8,6 +8,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from depth import PROFILE
 from hypothesis import given
 from hypothesis import strategies as st
 from spec import ROOT
@@ -138,5 +139,6 @@ def test_the_table_of_wrong_ticks():
 
 
 @pytest.mark.deep
+@pytest.mark.skipif(PROFILE != "nightly", reason="takes half a minute: in the profile nightly")
 def test_the_whole_table_of_wrong_ticks():
     assert is_on_the_page([*stamps.lines()])
