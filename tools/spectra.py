@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 import hapfmt
+from hapfmt.archive.runs import ALLOCATOR
 from hapfmt.lab.scenes import load_scene, simulate
 
 BASES = 8
@@ -75,15 +76,17 @@ def peak_memory() -> int:
 
 def by_dask(paths: list[str], workers: int, kill: bool = False) -> tuple[Any, float, int, int]:
     """The spectra, seconds, the largest peak of a worker, and what it had before."""
+    import dask
     from dask.distributed import Client, LocalCluster, as_completed
 
     with (
+        dask.config.set(ALLOCATOR),
         LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0"
         ) as cluster,
         Client(cluster) as client,
     ):
-        client.map(spectra, paths[:workers], pure=False)  # imports
+        client.gather(client.map(spectra, paths[:workers], pure=False))  # imports
         before = max(client.run(peak_memory).values())
         start = time.perf_counter()
         futures = client.map(spectra, paths, pure=False)

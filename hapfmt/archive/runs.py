@@ -35,6 +35,12 @@ AHEAD = 4
 """Tasks for each worker that the scheduler has at a time."""
 BATCH, BATCH_SIZE = 16, 4 << 20
 """Most files of a task, and the bytes from which it gets no further one."""
+ALLOCATOR = {
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 64 << 20,
+    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 32 << 20,
+}
+"""Memory that processes of Dask keep. By default they give back each array above 128 kB, and spend
+a sixth of their time on getting it again."""
 Advance = Callable[[int, int], None]
 
 
@@ -245,6 +251,7 @@ def cluster(workers: int | None, address: str | None) -> Iterator[Any]:
         "distributed.logging": {"distributed": "critical", "bokeh": "critical"},
         "distributed.worker.daemon": True,
         "distributed.admin.tick.limit": "1h",
+        **ALLOCATOR,
     }
     with dask.config.set(quiet):
         if address:
