@@ -125,9 +125,33 @@ LF_CUTOFF_HZ = 20.0
 The rate of an encoded texture is flat within 5 % for cutoffs of 10-30 Hz (measured), so the value
 is not critical."""
 
-TEXTURE_DB = 20.0
-"""Quality of a texture: the power above the split frequency over the power of the error. On
+Quality = Literal["low", "medium", "high"]
+QUALITIES: dict[Quality, float] = {"low": 10.0, "medium": 20.0, "high": 30.0}
+"""Quality of a texture in dB: the power above the split frequency over the power of the error. On
 recorded textures 20 dB take more bits than an ST-SIM of 0.95 does."""
+
+TEXTURE_DB = QUALITIES["medium"]
+
+CLOSE = 0.02
+"""The quality that is reached exceeds the target by this share of it at most, unless the deadband
+or a lossless form asks for more."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """The quality of a texture: a signal-to-noise ratio in dB, or an ST-SIM.
+
+    drops_silence: textures below the absolute threshold are left out, in whole channels and in
+    stretches. threshold_is_enough: errors below it are allowed, although the quality asks for less.
+    text: in the words of the table.
+    """
+
+    snr: float | None = TEXTURE_DB
+    st_sim: float | None = None
+    drops_silence: bool = True
+    threshold_is_enough: bool = True
+    text: str = "texture"
+
 
 VELOCITY_WEBER = Fraction(8, 100)
 """Just noticeable difference of limb movement, 8 %: L. A. Jones, I. W. Hunter, "Differential
@@ -232,9 +256,17 @@ class Settings:
         None: the quantity of each channel decides.
     texture
         perceptual: whether to keep the part above the split frequency.
+    quality
+        perceptual: "low", "medium" or "high" texture: 10, 20 or 30 dB, or errors below the absolute
+        threshold. This is the default, with "medium".
     snr
-        perceptual: signal-to-noise ratio of the texture in dB. None: 20 dB, but errors below the
-        absolute threshold are allowed.
+        perceptual, in place of quality: signal-to-noise ratio of each texture in dB, also where
+        errors are below the absolute threshold.
+    st_sim
+        perceptual, in place of quality: similarity ST-SIM of each texture, above 0 and below 1.
+    bitrate
+        perceptual, in place of quality: kbit/s of the whole file. All textures get the same
+        signal-to-noise ratio.
     bits
         paper: bits of its quantiser, whose range comes from the signal; 0: no HF track.
     step
@@ -279,7 +311,10 @@ class Settings:
     felt: tuple[str, ...] | None = None
     texture: bool = True
     smallest: bool = True
+    quality: Quality | None = None
     snr: float | None = None
+    st_sim: float | None = None
+    bitrate: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "k", share(self.k))
@@ -313,10 +348,39 @@ class Settings:
             raise ParameterError("give the bits or the step of the residual, not both")
         if not (isinstance(self.cutoff_hz, Real) and 0 < self.cutoff_hz < inf):
             raise ParameterError("the cutoff is a positive frequency")
-        if self.snr is not None and not (isinstance(self.snr, Real) and 0 < self.snr < inf):
-            raise ParameterError("the quality of the texture is a positive number of dB")
+        self._check_quality()
         if self.cluster is not None and self.cluster <= 0:
             raise ParameterError("the cluster length must be positive")
+
+    def _check_quality(self) -> None:
+        given = [name for name in TARGETS if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ParameterError(f"give one of {', '.join(TARGETS)}, not {' and '.join(given)}")
+        if given and not self.texture:
+            raise ParameterError(f"{given[0]} is for textures, which texture=False leaves out")
+        if self.quality is not None and self.quality not in QUALITIES:
+            raise ParameterError(f"the quality is one of {', '.join(QUALITIES)}")
+        if self.snr is not None and not (isinstance(self.snr, Real) and 0 < self.snr < inf):
+            raise ParameterError("the quality of the texture is a positive number of dB")
+        if self.st_sim is not None and not (isinstance(self.st_sim, Real) and 0 < self.st_sim < 1):
+            raise ParameterError("the ST-SIM of a texture is above 0 and below 1")
+        if self.bitrate is not None and not (
+            isinstance(self.bitrate, Real) and 0 < self.bitrate < inf
+        ):
+            raise ParameterError("the bit rate is a positive number of kbit/s")
+
+    @property
+    def target(self) -> Target:
+        """The quality of textures. With a bit rate, the one that the search starts from."""
+        if self.snr is not None:
+            text = f"texture {self.snr:g} dB"
+            return Target(self.snr, None, False, False, text)
+        if self.st_sim is not None:
+            return Target(None, self.st_sim, False, False, f"texture ST-SIM {self.st_sim:g}")
+        if self.bitrate is not None:
+            return Target(threshold_is_enough=False)
+        db = QUALITIES[self.quality or "medium"]
+        return Target(db, text=f"texture {db:g} dB")
 
     @classmethod
     def of(cls, preset: str = "lossless", **given: Any) -> Settings:
@@ -393,7 +457,10 @@ def lossy_preset(encoder: object) -> str:
 OPTIONS = {
     "k": "k",
     "floor": "floor",
+    "quality": "quality",
     "snr": "snr",
+    "st_sim": "st-sim",
+    "bitrate": "bitrate",
     "bits": "bits",
     "step": "step",
     "max_error": "max-error",
@@ -409,7 +476,10 @@ USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
     "floor": ("floor", ("perceptual", "paper")),
     "felt": ("felt", ("perceptual",)),
     "texture": ("texture=False", ("perceptual",)),
+    "quality": ("quality", ("perceptual",)),
     "snr": ("snr", ("perceptual",)),
+    "st_sim": ("st_sim", ("perceptual",)),
+    "bitrate": ("bitrate", ("perceptual",)),
     "bits": ("bits", ("paper",)),
     "step": ("step", ("paper",)),
     "cutoff_hz": ("cutoff_hz", ("perceptual", "paper")),
@@ -420,6 +490,9 @@ USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
     "fast": ("fast=True", ("lossless",)),
 }
 """Fields that not every preset uses: the option and those presets."""
+
+TARGETS = ("quality", "snr", "st_sim", "bitrate")
+"""Options that choose the quality of textures, each in place of the others."""
 
 _DEFAULTS: dict[str, Any] = {
     name: given.default for name, given in Settings.__dataclass_fields__.items()
