@@ -105,7 +105,8 @@ def measure_of(
     source: InputBlock,
 ) -> Measure:
     """The measure of a target. Runs that are too short for ST-SIM keep the usual ratio."""
-    snr = NoiseMeasure(x, power, textured, target.snr or TEXTURE_DB)
+    db = TEXTURE_DB if target.snr is None else target.snr
+    snr = NoiseMeasure(x, power, textured, db)
     if target.st_sim is None:
         return snr
     longest = max(source.segments(), key=lambda rows: rows.stop - rows.start)

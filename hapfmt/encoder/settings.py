@@ -355,9 +355,9 @@ class Settings:
     def _check_quality(self) -> None:
         given = [name for name in TARGETS if getattr(self, name) is not None]
         if len(given) > 1:
-            raise ParameterError(f"give one of {', '.join(TARGETS)}, not {' and '.join(given)}")
+            raise ParameterError(f"give one of {', '.join(TARGETS)}")
         if given and not self.texture:
-            raise ParameterError(f"{given[0]} is for textures, which texture=False leaves out")
+            raise ParameterError("texture=False leaves no texture, so give no quality for it")
         if self.quality is not None and self.quality not in QUALITIES:
             raise ParameterError(f"the quality is one of {', '.join(QUALITIES)}")
         if self.snr is not None and not (isinstance(self.snr, Real) and 0 < self.snr < inf):
