@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from functools import partial
+from importlib.util import find_spec
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
-from ..errors import FormatError, ParameterError
+from ..errors import FormatError, MissingExtraError, ParameterError
 from ..format.cluster import Packet
 from ..format.track import Track
 from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
@@ -47,7 +48,6 @@ from .plan import Promise, promises_of, vector_promise
 from .predict import shorten
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import Settings
-from .similarity import vibromaf
 from .source import InputBlock, cut, group_units, side_by_side
 from .texture import encode_textured
 from .unit import (
@@ -183,8 +183,8 @@ def encode(
     the file, which a bit rate counts; None: about.
     """
     settings = settings or Settings()
-    if settings.st_sim is not None:
-        vibromaf()
+    if settings.st_sim is not None and not find_spec("vibromaf"):
+        raise MissingExtraError("vibromaf", "metrics")
     encoding = Encoding(recording, settings, progress or (lambda _done, _all: None), threads)
     if settings.bitrate is None or not encoding.textures:
         return encoding.finish(encoding.parts)

@@ -7,15 +7,21 @@ search compares it with the largest error that the target allows.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from fractions import Fraction
 from math import inf, log10
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..metrics import (
+    TEXTURE_BLOCK,
+    TEXTURE_EDGE,
+    TEXTURE_HIGH_PASS_HZ,
+    resampling_8khz,
+    st_sim,
+)
 from .settings import TEXTURE_DB, Target
-from .similarity import Similarity, long_enough
 from .source import InputBlock
 
 Doubles = NDArray[np.float64]
@@ -76,7 +82,7 @@ class SimilarityMeasure:
 
     x: Doubles
     rows: slice
-    rate: Any
+    rate: Fraction
     wanted: float
     snr: NoiseMeasure
 
@@ -86,15 +92,14 @@ class SimilarityMeasure:
     def allowed(self) -> float:
         return 1 - self.wanted
 
-    @cached_property
-    def similarity(self) -> Similarity:
-        return Similarity(self.x[self.rows], self.rate)
+    def similarity(self, y: Doubles) -> float:
+        return st_sim(self.x[self.rows], y[self.rows], self.rate)
 
     def error(self, y: Doubles) -> float:
-        return max(1 - self.similarity(y[self.rows]), 0.0)
+        return max(1 - self.similarity(y), 0.0)
 
     def value(self, y: Doubles) -> dict[str, float]:
-        return {"st_sim": self.similarity(y[self.rows]), **self.snr.value(y)}
+        return {"st_sim": self.similarity(y), **self.snr.value(y)}
 
 
 def measure_of(
@@ -112,6 +117,12 @@ def measure_of(
     longest = max(source.segments(), key=lambda rows: rows.stop - rows.start)
     over = max(longest.stop - longest.start - round(SIMILARITY_S * source.rate), 0)
     rows = slice(longest.start + over // 2, longest.stop - (over - over // 2))
-    if not long_enough(rows.stop - rows.start, source.rate):
+    if not has_similarity(rows.stop - rows.start, source.rate):
         return snr
     return SimilarityMeasure(x, rows, source.rate, target.st_sim, snr)
+
+
+def has_similarity(size: int, rate: Fraction) -> bool:
+    """Whether as many samples are long enough for ST-SIM: one block and both edges."""
+    least = TEXTURE_BLOCK + 2 * TEXTURE_EDGE
+    return rate > 2 * TEXTURE_HIGH_PASS_HZ and size * resampling_8khz(rate) >= least

@@ -28,6 +28,7 @@ from ..format.track import Component, Contract
 from ..limits import EXACT_LIMIT, ZERO_LIMIT
 from ..numbers import clamp
 from ..recording import Calibration, Channel
+from ..split import PADDING_PERIODS, slow_for_telling
 from .bounded import code_grid, code_lines, encode_bounded, encode_lossless
 from .gridded import nearest_uniform
 from .knots import Coded
@@ -36,7 +37,6 @@ from .plan import Promise, without_glitches
 from .predict import encode_best
 from .quality import Measure, measure_of
 from .source import InputBlock, declared_range
-from .split import PADDING_PERIODS, slow_for_telling
 from .unit import (
     ENCODE_LEVEL,
     STEP_LIMIT,
