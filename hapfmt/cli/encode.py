@@ -329,8 +329,8 @@ _PRESET_OPTIONS = (
     click.option(
         "--quality",
         type=click.Choice(["low", "medium", "high"]),
-        help="perceptual: quality of the texture: 10, 20 or 30 dB, or errors below --floor "
-        "[medium].",
+        help="perceptual: quality of the texture: 10, 20 or 30 dB; for low and medium, errors "
+        "below --floor are enough [medium].",
     ),
     click.option(
         "--snr",
@@ -540,7 +540,7 @@ def with_vector(recording: Recording, names: list[str], group: str) -> Recording
 
 
 def kbit_per_second(summary: Summary, duration: Fraction) -> float:
-    """Of the whole file."""
+    """The rate of the whole file."""
     return float(8 * summary.file_size / duration / 1000)
 
 

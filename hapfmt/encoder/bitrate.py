@@ -33,7 +33,7 @@ def fill(
     Interpolates between a result that fits and one that does not.
     """
     low = high = None
-    db = TEXTURE_DB
+    db, away = TEXTURE_DB, 1.0
     best: Result | None = None
     for _ in range(TRIALS):
         result = encode(db)
@@ -53,6 +53,7 @@ def fill(
             db = low[0] + min(max(share, 0.1), 0.9) * (high[0] - low[0])
         else:
             slope = DB_PER_BIT * 8 * ((1 - CLOSE / 2) * budget - size) / max(samples, 1)
-            away = max(1.2 * abs(slope), 1.0)
+            away = max(1.2 * abs(slope), away)
             db = min(max(db + (away if low else -away), LEAST_DB), MOST_DB)
+            away *= 2
     return result if best is None else best

@@ -264,14 +264,16 @@ class Encoding:
         if settings.preset != "lossless" and settings.smallest:
             parts = with_lossless(parts, job, self.recorded, self.rivals)
         if settings.preset != "paper" and settings.cluster is None:
-            parts = [replace(part, unit=part.unit.copy()) for part in parts]
+            if settings.bitrate is not None:
+                parts = [replace(part, unit=part.unit.copy()) for part in parts]
             shorten_units([part.unit for part in parts])
         decisions: list[Decision] = []
         for part in parts:
             notes = self.notes[part.first : part.stop]
             decisions += decide(part, job.originals, notes, self.recording)
         tracks, packets = number_tracks([part.unit for part in parts])
-        if not any(decision.largest_error for decision in decisions):
+        exact = not any(decision.largest_error for decision in decisions)
+        if exact and settings.preset != "lossless":
             settings = job.lossless
         return Encoded(tracks, packets, decisions, choose_level(tracks), settings)
 
@@ -451,7 +453,7 @@ def with_lossless(
 ) -> list[PlacedUnit]:
     """The parts, where they are larger than the same channels without loss these in their place.
 
-    ``known`` keeps what was coded.
+    ``known`` keeps the lossless parts for the next call.
     """
     small = sum(channel.stored.size for channel in recorded) <= SMALL
     lossless = replace(
@@ -651,7 +653,8 @@ def encode_source(
         assert joint
         unit = replace(joint, kept_as=vector_promise(settings).kept_as)
     elif promise.texture is not None:
-        unit = encode_textured(source, original, first_channel, promise, settings.cutoff_hz)
+        found = encode_textured(source, original, first_channel, promise, settings.cutoff_hz)
+        unit = found or without_loss(original, first_channel, job)
     else:
         unit = encode_within(members[0], source, base, first_channel, promise)
     unit.least = unit.least or sum(
@@ -659,6 +662,13 @@ def encode_source(
         for place, each in enumerate(source.channels)
     )
     return unit
+
+
+def without_loss(original: Channel, first_channel: int, job: EncodeJob) -> Unit:
+    """A texture whose quality no grid has."""
+    exact = on_grid(original, Promise(), job.settings, job.searches[first_channel])
+    unit = encode_unit([exact], first_channel, job)
+    return replace(unit, kept_as="lossless", grid=exact.text, missed="only lossless has it")
 
 
 def encode_within(

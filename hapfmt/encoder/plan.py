@@ -26,7 +26,7 @@ from .settings import (
     RANGE_FLOOR,
     WEBER_LIMITS,
     Settings,
-    Target,
+    TextureQuality,
     Tolerance,
 )
 
@@ -61,7 +61,7 @@ class Promise:
 
     floor: Tolerance | None = None
     k: Fraction = Fraction(0)
-    texture: Target | None = None
+    texture: TextureQuality | None = None
     enough: str = ""
     paper: bool = False
     kept_as: str = LOSSLESS

@@ -6,7 +6,7 @@ search compares it with the largest error that the target allows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import inf, log10
 from typing import Protocol
@@ -21,7 +21,7 @@ from ..metrics import (
     resampling_8khz,
     st_sim,
 )
-from .settings import TEXTURE_DB, Target
+from .settings import CLOSE, TEXTURE_DB, TextureQuality
 from .source import InputBlock
 
 Doubles = NDArray[np.float64]
@@ -42,11 +42,18 @@ class Measure(Protocol):
     def noise(self) -> float:
         """A guess: the mean squared error that has the quality, over the power of the texture."""
 
+    @property
+    def note(self) -> str:
+        """Why another measure than the one that was asked for is used; mostly empty."""
+
     def error(self, y: Doubles) -> float:
         """The error of decoded samples."""
 
     def value(self, y: Doubles) -> dict[str, float]:
         """The quality of decoded samples, for the user."""
+
+    def close(self, y: Doubles) -> bool:
+        """Whether the quality is the one that was asked for, within a share of CLOSE."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +64,7 @@ class NoiseMeasure:
     power: float
     textured: NDArray[np.bool_] | None
     db: float
+    note: str = ""
 
     @property
     def allowed(self) -> float:
@@ -75,6 +83,10 @@ class NoiseMeasure:
         error = self.error(y)
         return {"snr_db": -10 * log10(error)} if 0 < error < inf else {}
 
+    def close(self, y: Doubles) -> bool:
+        db = self.value(y).get("snr_db")
+        return db is not None and abs(db - self.db) <= CLOSE * self.db
+
 
 @dataclass(frozen=True)
 class SimilarityMeasure:
@@ -87,6 +99,7 @@ class SimilarityMeasure:
     snr: NoiseMeasure
 
     noise = 10 ** (-FIRST_DB / 10)
+    note = ""
 
     @property
     def allowed(self) -> float:
@@ -101,9 +114,12 @@ class SimilarityMeasure:
     def value(self, y: Doubles) -> dict[str, float]:
         return {"st_sim": self.similarity(y), **self.snr.value(y)}
 
+    def close(self, y: Doubles) -> bool:
+        return abs(self.similarity(y) - self.wanted) <= CLOSE * self.wanted
+
 
 def measure_of(
-    target: Target,
+    target: TextureQuality,
     x: Doubles,
     power: float,
     textured: NDArray[np.bool_] | None,
@@ -118,7 +134,7 @@ def measure_of(
     over = max(longest.stop - longest.start - round(SIMILARITY_S * source.rate), 0)
     rows = slice(longest.start + over // 2, longest.stop - (over - over // 2))
     if not has_similarity(rows.stop - rows.start, source.rate):
-        return snr
+        return replace(snr, note=f"too short for ST-SIM: {db:g} dB")
     return SimilarityMeasure(x, rows, source.rate, target.st_sim, snr)
 
 

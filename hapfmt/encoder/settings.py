@@ -133,7 +133,7 @@ or a lossless form asks for more."""
 
 
 @dataclass(frozen=True)
-class Target:
+class TextureQuality:
     """The quality of a texture: a signal-to-noise ratio in dB, or an ST-SIM.
 
     drops_silence: textures below the absolute threshold are left out, in whole channels and in
@@ -252,8 +252,8 @@ class Settings:
     texture
         perceptual: whether to keep the part above the split frequency.
     quality
-        perceptual: "low", "medium" or "high" texture: 10, 20 or 30 dB, or errors below the absolute
-        threshold. This is the default, with "medium".
+        perceptual: "low", "medium" [default] or "high" texture: 10, 20 or 30 dB. Errors below the
+        absolute threshold are enough, but not for "high".
     snr
         perceptual, in place of quality: signal-to-noise ratio of each texture in dB, also where
         errors are below the absolute threshold.
@@ -343,7 +343,8 @@ class Settings:
             raise ParameterError("give the bits or the step of the residual, not both")
         if not (isinstance(self.cutoff_hz, Real) and 0 < self.cutoff_hz < inf):
             raise ParameterError("the cutoff is a positive frequency")
-        self._check_quality()
+        if self.preset == "perceptual":
+            self._check_quality()
         if self.cluster is not None and self.cluster <= 0:
             raise ParameterError("the cluster length must be positive")
 
@@ -365,17 +366,20 @@ class Settings:
             raise ParameterError("the bit rate is a positive number of kbit/s")
 
     @property
-    def target(self) -> Target:
+    def target(self) -> TextureQuality:
         """The quality of textures. With a bit rate, the one that the search starts from."""
         if self.snr is not None:
             text = f"texture {self.snr:g} dB"
-            return Target(self.snr, None, False, False, text)
+            return TextureQuality(self.snr, None, False, False, text)
         if self.st_sim is not None:
-            return Target(None, self.st_sim, False, False, f"texture ST-SIM {self.st_sim:g}")
+            return TextureQuality(
+                None, self.st_sim, False, False, f"texture ST-SIM {self.st_sim:g}"
+            )
         if self.bitrate is not None:
-            return Target(threshold_is_enough=False)
+            return TextureQuality(threshold_is_enough=False)
         db = QUALITIES[self.quality or "medium"]
-        return Target(db, text=f"texture {db:g} dB")
+        enough = self.quality != "high"
+        return TextureQuality(db, threshold_is_enough=enough, text=f"texture {db:g} dB")
 
     @classmethod
     def of(cls, preset: str = "lossless", **given: Any) -> Settings:
@@ -383,8 +387,8 @@ class Settings:
 
         Old names of presets still work, with a DeprecationWarning: see ALIASES.
         """
-        if note := alias_note(preset):
-            warnings.warn(note, DeprecationWarning, stacklevel=2)
+        if preset in ALIASES:
+            warnings.warn(alias_note(preset), DeprecationWarning, stacklevel=2)
         preset, chosen = renamed(preset, given)
         for option, value in chosen.items():
             if value != _DEFAULTS.get(option) or not isinstance(value, (bool, str)):

@@ -29,7 +29,7 @@ from ..limits import EXACT_LIMIT, ZERO_LIMIT
 from ..numbers import clamp
 from ..recording import Calibration, Channel
 from ..split import PADDING_PERIODS, slow_for_telling
-from .bounded import code_grid, code_lines, encode_bounded, encode_lossless
+from .bounded import code_grid, code_lines, encode_bounded
 from .gridded import nearest_uniform
 from .knots import Coded
 from .lattice import LatticeSearch, on_uniform_grid
@@ -55,6 +55,9 @@ STRETCH = 1 << 18
 FINER = 128
 """Counts of a step: rounding it to whole counts then changes the quality by less than 0.1 dB."""
 
+FINEST = 4 * FINER
+"""Counts that one count of the source is divided into at most."""
+
 RESOLVED = 1e-12
 """Share of the largest value that rounding leaves where the slow part is the signal itself."""
 
@@ -62,7 +65,7 @@ NARROWER, TRIES, HALVINGS = 0.8, 16, 4
 """Where the slow part leaves its deadband, each try multiplies the step by NARROWER. The interval
 between the step that keeps it and the one before is then halved."""
 
-CLOSE = 0.99
+NEAR = 0.99
 """The search for a step ends where the error is at least this share of the largest allowed one."""
 
 NATIVE = 4
@@ -77,7 +80,7 @@ SILENT_S = 0.5
 
 
 @dataclass(frozen=True)
-class Trial:
+class CodedTrial:
     """What a step gives: the step that was used, decoded samples in the channel's unit, and a
     function that codes them.
 
@@ -87,9 +90,11 @@ class Trial:
     step: float
     samples: Doubles
     code: Callable[[int | None], Unit | None]
+    limited: bool = False
+    """Whether wider steps have the quality too, but leave the deadband."""
 
 
-Way = Callable[[float], Trial | None]
+Way = Callable[[float], CodedTrial | None]
 """A way to code a texture: from a step in the channel's unit. None: there is no such step."""
 
 
@@ -141,9 +146,9 @@ class FeltChannel:
         return self.whole_power <= self.floor**2
 
     @property
-    def beyond_doubles(self) -> bool:
-        """Whether the quality asks for errors near the resolution of float64 at these values."""
-        return self.first_step <= sqrt(12) * RESOLVED * float(np.abs(self.x).max(initial=0.0))
+    def smooth(self) -> bool:
+        """Whether what lies above the split frequency is only rounding of float64."""
+        return sqrt(self.power) <= RESOLVED * float(np.abs(self.x).max(initial=0.0))
 
     @property
     def fine(self) -> bool:
@@ -200,26 +205,25 @@ def slow_of(x: Doubles, source: InputBlock, cutoff_hz: float) -> Doubles:
 
 def encode_textured(
     source: InputBlock, original: Channel, first_channel: int, promise: Promise, cutoff_hz: float
-) -> Unit:
-    """The smallest way found. source: one channel on a fine grid."""
+) -> Unit | None:
+    """The smallest way found. source: one channel on a fine grid. None: no grid has the quality."""
     base = whole_range(source, first_channel)
     felt = FeltChannel.of(original.samples(), source, promise, cutoff_hz)
     target = promise.texture
     assert target is not None
     alone = encode_bounded(source, base, promise)
     assert alone
-    if felt.silent if target.drops_silence else felt.beyond_doubles:
-        why = NO_TEXTURE if target.drops_silence else BEYOND
+    if felt.silent if target.drops_silence else felt.smooth:
         kept_as = promise.kept_as.replace(target.text, NO_TEXTURE)
-        return replace(alone, kept_as=kept_as, missed=why)
+        return replace(alone, kept_as=kept_as, missed=NO_TEXTURE)
     if felt.fine and target.threshold_is_enough:
         unit = encode_bounded(source, base, replace(promise, k=Fraction(0)))
         assert unit
-        return reported(replace(unit, kept_as=promise.enough), felt, decoded(unit))
+        return reported(replace(unit, kept_as=promise.enough), felt, decoded(unit), THRESHOLD)
     best: Unit | None = None
     samples = decoded(alone)
     if felt.holds(samples):
-        best = reported(alone, felt, samples)
+        best = reported(alone, felt, samples, DEADBAND)
     for way in ways_of(felt, original, first_channel, promise):
         trial = widest(way, felt)
         if trial is None:
@@ -227,11 +231,8 @@ def encode_textured(
         smallest = best.size if best else None
         unit = trial.code(smallest)
         if unit and (smallest is None or unit.size < smallest):
-            best = reported(unit, felt, trial.samples)
-    if best is None:
-        unit = encode_lossless(source, base)
-        return replace(unit, kept_as="lossless", missed="no coarser grid has this quality")
-    return replace(best, kept_as=promise.kept_as)
+            best = reported(unit, felt, trial.samples, DEADBAND if trial.limited else FINER_WINS)
+    return best and replace(best, kept_as=promise.kept_as)
 
 
 def ways_of(
@@ -251,12 +252,15 @@ def ways_of(
 
 
 NO_TEXTURE = "no texture above the threshold"
-BEYOND = "no texture beyond the resolution of float64"
+DEADBAND = "the deadband of the slow part asks for more"
+FINER_WINS = "no coarser step is smaller"
+THRESHOLD = "errors stay below the threshold"
 
 
-def reported(unit: Unit, felt: FeltChannel, samples: Doubles) -> Unit:
-    """With the quality that was reached."""
-    return replace(unit, reached=felt.measure.value(samples))
+def reported(unit: Unit, felt: FeltChannel, samples: Doubles, why: str) -> Unit:
+    """With the quality that was reached, and why that is another one than was asked for."""
+    missed = felt.measure.note or ("" if felt.measure.close(samples) else why)
+    return replace(unit, reached=felt.measure.value(samples), missed=missed)
 
 
 def decoded(unit: Unit) -> Doubles:
@@ -266,7 +270,7 @@ def decoded(unit: Unit) -> Doubles:
     return Calibration(affine.a, affine.b, affine.d).physical(counts[:, 0])
 
 
-def widest(way: Way, felt: FeltChannel) -> Trial | None:
+def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
     """The trial of the widest step that keeps the promise, by bisection on decoded samples.
 
     The error grows about as a power of the step, so that each try interpolates the logarithms.
@@ -285,20 +289,20 @@ def widest(way: Way, felt: FeltChannel) -> Trial | None:
         error = felt.measure.error(trial.samples)
         if error <= allowed:
             low, best = (step, error), trial
-            if error >= CLOSE * allowed or step >= most:
+            if error >= NEAR * allowed or step >= most:
                 break
         else:
             high = (step, error)
         if low and high and high[0] <= low[0] * 1.0005:
             break
-        step = min(next_step(low, high, allowed * (1 + CLOSE) / 2), max(most, step))
+        step = min(next_step(low, high, allowed * (1 + NEAR) / 2), max(most, step))
     if best is None or felt.slow_holds(best.samples):
         return best
     assert low
     return narrower(way, felt, low[0])
 
 
-def narrower(way: Way, felt: FeltChannel, wide: float) -> Trial | None:
+def narrower(way: Way, felt: FeltChannel, wide: float) -> CodedTrial | None:
     """The trial of the widest step below ``wide`` whose slow part keeps the deadband."""
     found = None
     for _ in range(TRIES):
@@ -306,14 +310,14 @@ def narrower(way: Way, felt: FeltChannel, wide: float) -> Trial | None:
         if trial is None:
             return None
         if felt.slow_holds(trial.samples):
-            found = trial
+            found = replace(trial, limited=True)
             break
         wide *= NARROWER
     low = wide * NARROWER
     for _ in range(HALVINGS if found else 0):
         trial = way(middle := sqrt(low * wide))
         if trial is not None and felt.slow_holds(trial.samples):
-            low, found = middle, trial
+            low, found = middle, replace(trial, limited=True)
         else:
             wide = middle
     return found
@@ -342,7 +346,7 @@ def way_of_whole(felt: FeltChannel, original: Channel, first_channel: int) -> Wa
         return way_of_counts(felt, finer_for(channel, felt.first_step), first_channel)
     search = LatticeSearch(original.stored)
 
-    def way(step: float) -> Trial | None:
+    def way(step: float) -> CodedTrial | None:
         own = on_uniform_grid(original, step / 2, search)
         if own is None:
             return None
@@ -360,7 +364,7 @@ def way_of_whole(felt: FeltChannel, original: Channel, first_channel: int) -> Wa
             return Unit(coded, None, "predicted", reason, exact=True, channels=source.channels)
 
         samples = channel.calibration.physical(channel.stored)
-        return Trial(float(channel.calibration.step), samples, code)
+        return CodedTrial(float(channel.calibration.step), samples, code)
 
     return way
 
@@ -369,7 +373,7 @@ def finer_for(channel: Channel, step: float) -> Channel:
     """The channel in counts of which the step has many; as it is where they do not fit."""
     calibration = channel.calibration
     assert calibration is not None
-    times = ceil(FINER * float(abs(calibration.step)) / step)
+    times = min(ceil(FINER * float(abs(calibration.step)) / step), FINEST)
     while times > 1:
         with suppress(ParameterError):  # a large offset leaves no room for finer counts
             finer = in_finer_counts(channel, times)
@@ -392,7 +396,7 @@ def way_of_counts(felt: FeltChannel, channel: Channel, first_channel: int) -> Wa
     track = whole_range(replace(whole, counts=stored[:, None]), first_channel)
     low, high = track.count_min, track.count_max
 
-    def way(step: float) -> Trial | None:
+    def way(step: float) -> CodedTrial | None:
         grid = LpcParameters(clamp(round(step / count), 1, STEP_LIMIT))
         y = np.clip(nearest_uniform(wanted, grid) * grid.step, low, high)
 
@@ -406,7 +410,7 @@ def way_of_counts(felt: FeltChannel, channel: Channel, first_channel: int) -> Wa
             reason = f"prediction on a uniform grid of {count * grid.step:.4g} {channel.unit}"
             return Unit(coded, None, "predicted", reason, exact=not error, channels=(channel,))
 
-        return Trial(count * grid.step, calibration.physical(y), code)
+        return CodedTrial(count * grid.step, calibration.physical(y), code)
 
     return way
 
@@ -437,11 +441,11 @@ def way_of_lines(
         residual[~felt.textured] = 0
     count = float(abs(calibration.step))
 
-    def way(step: float) -> Trial | None:
+    def way(step: float) -> CodedTrial | None:
         grid = LpcParameters(clamp(round(step / count), 1, STEP_LIMIT))
         levels = nearest_uniform(residual, grid) * grid.step
         y = np.clip(d + levels, base.count_min, base.count_max)
-        return Trial(
+        return CodedTrial(
             count * grid.step,
             calibration.physical(y),
             lambda smallest: with_predicted(source, lines, levels, grid, y, smallest),

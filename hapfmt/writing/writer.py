@@ -247,9 +247,11 @@ def extras_of(
     """Types and payloads of the chunks for metadata and attachments."""
     if not isinstance(recording.metadata, dict):
         raise ParameterError("metadata must be a JSON object, a dict in Python")
-    made_by = f"hapfmt {__version__}: {settings.describe()}{reached(decisions)}"
+    made_by = f"hapfmt {__version__}: {settings.describe()}"
+    if settings.preset == "perceptual":
+        made_by += reached(decisions)
     earlier = recording.metadata.get("encoder")
-    if lossy_preset(earlier):
+    if earlier and lossy_preset(earlier):
         made_by += f"{INPUT}{earlier}"[:INPUT_SIZE]
     metadata = {**recording.metadata, "encoder": made_by}
     try:
