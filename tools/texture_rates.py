@@ -85,7 +85,7 @@ LONGEST = 1 << 16
 """Samples of a packet of prediction, as in a file."""
 
 THRESHOLDS = ("0.2%", "1%", "2%", "5%", "10%", "20%")
-"""Of the deadband of a slow part: shares of the range."""
+"""Absolute thresholds of the deadband of a slow part: shares of the range."""
 
 RANGE_BITS = 24
 """A slow part is stored on a grid of this many bits for the range."""
@@ -102,7 +102,7 @@ class Texture(NamedTuple):
 
 
 class Coded(NamedTuple):
-    """Bits a sample, and what a decoder makes of them."""
+    """Bits a sample, and the decoded samples."""
 
     bits: float
     y: Samples
@@ -180,7 +180,7 @@ CODECS: dict[str, tuple[Way, ...]] = {
     "LPCR": (lpcr,),
     "lines + LPCR": tuple(partial(split, threshold, lpcr) for threshold in THRESHOLDS),
 }
-"""Of several ways the one with the fewest bits counts, at each quality."""
+"""The ways of each codec. The one with the fewest bits counts, at each quality."""
 
 
 def snr_hf(texture: Texture, y: Samples) -> float:
