@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ParameterError
+from ..metrics import rmse, snr_hf_db
 from ..reading.decoder import intersect
 from ..recording import Calibration, Channel
-from .metrics import rmse, snr_hf_db
 from .parts import Described, FileParts, Parts
 from .views import Builder, ChannelView, empty_view
 
@@ -69,7 +69,7 @@ class Comparison:
     """One channel of both recordings. Samples: in both, ``only_a``, ``only_b``; ``largest`` and
     ``rms`` of the difference b - a, in the unit, ``largest_counts`` in steps of the
     sensor where one is known; ``at_s``: where the largest is; SNR: of a over the difference;
-    ``snr_hf_db``: of its texture above 20 Hz (hapfmt.lab.metrics), over the longest run.
+    ``snr_hf_db``: of its texture above 20 Hz (hapfmt.metrics), over the longest run.
     ``reason``: why there is nothing to compare."""
 
     number: int
