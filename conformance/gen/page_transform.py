@@ -112,9 +112,7 @@ def code_blocks(coder, count, kept, classes, a, s, told=None, seen=None, *, loud
 def unfold(block, m: int) -> list[int]:
     """v of a block"""
     rows = waves(m)
-    return [
-        rdiv(sum(x * rows[k][j] for k, x in enumerate(block) if x), 2**15) for j in range(2**m)
-    ]
+    return [rdiv(sum(x * rows[k][j] for k, x in enumerate(block) if x), 2**15) for j in range(2**m)]
 
 
 def transform(blocks, m: int) -> list[int]:
