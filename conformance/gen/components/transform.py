@@ -180,8 +180,9 @@ def packets() -> Component:
         ("a component without coefficients", p([e([], s, 4), of_signal(slow, 5, 256), e([], s)]),
          100, 5, 256, 3),
     ]  # fmt: skip
-    for m in range(6, 10):
-        rows.append((f"a signal, blocks of {2**m}", of_signal(slow, m, 100), 100, m, 100))
+    rows += [
+        (f"a signal, blocks of {2**m}", of_signal(slow, m, 100), 100, m, 100) for m in range(6, 10)
+    ]
     rows += broken()
     return Component(
         "mdct",
