@@ -7,9 +7,11 @@ import struct
 from array import array
 
 import numpy as np
+from forge import mdct_parameters
 from singles import decode_counts, decode_exact
 
 from hapfmt.codecs import predicted as lpcr
+from hapfmt.codecs import transform as lapped
 from hapfmt.codecs.entropy import Decoder, Lengths, ends_of
 from hapfmt.codecs.events import parse_events
 from hapfmt.codecs.exact import ExactParameters, ordered, unordered, values_of
@@ -220,6 +222,38 @@ def lpcr_packet(case):
     data, span = bytes.fromhex(case["packet"]), case["span"]
     rows = lpcr.decode_components(data, span, case["components"], case["last"], 0)
     return {"indices": [row.tolist() for row in rows]}
+
+
+def cosine(case):
+    table = lapped.cosines()
+    if "pairs" in case:
+        return {"pairs": [[i, int(table[i % 4096])] for i, _ in case["pairs"]]}
+    entries = table[:1025]
+    digest = hashlib.sha256(entries.astype("<u2").tobytes()).hexdigest()
+    return {"entries": entries.tolist(), "sha256": digest}
+
+
+def transform_parameters(case):
+    raw = mdct_parameters(case["m"], case["step"], case["weights"])
+    return lapped.TransformParameters.parse(raw, 0)
+
+
+def mdct_steps(case):
+    return {"steps": transform_parameters(case).steps.tolist()}
+
+
+def transform(case):
+    blocks = np.zeros((len(case["coefficients"]), 1 << case["m"]))
+    for row, given in zip(blocks, case["coefficients"], strict=True):
+        row[: len(given)] = [int(x) for x in given]
+    return {"x": lapped.inverse(blocks).tolist()}
+
+
+def mdct(case):
+    data, span, parameters = bytes.fromhex(case["packet"]), case["span"], transform_parameters(case)
+    ends = -(2**31), 2**31 - 1
+    rows = lapped.decode_within(data, parameters, span, case["components"], LEVEL, 0, *ends)
+    return {"counts": rows.T.tolist()}
 
 
 def hexed(doubles):

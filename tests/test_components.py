@@ -16,6 +16,7 @@ from component_programs import (
     classes,
     codebook,
     coded_knots,
+    cosine,
     division,
     entropy_coder,
     evnt,
@@ -27,6 +28,8 @@ from component_programs import (
     lengths,
     lpcr_packet,
     lpcx,
+    mdct,
+    mdct_steps,
     places,
     predictor,
     quan,
@@ -34,6 +37,7 @@ from component_programs import (
     sine,
     strings,
     svarint,
+    transform,
     varint,
 )
 from spec import REQUIREMENTS
@@ -171,6 +175,7 @@ PROGRAMS = {
     "entropy-coder": entropy_coder, "knot": knot, "coded-knots": coded_knots,
     "codebook": codebook, "quan": quan, "rawb": rawb, "evnt": evnt, "sine": sine, "predictor": predictor, "grid": grid,
     "lpcr": lpcr_packet, "exact-values": exact_values, "places": places, "lpcx": lpcx,
+    "cosine": cosine, "mdct-steps": mdct_steps, "transform": transform, "mdct": mdct,
     "cluster": cluster, "clock-chunks": clock_chunk, "clock-maps": clock_map, "times": times,
     "digest": digest, "salvage": salvage, "contract": contract, "deviation": deviation,
 }  # fmt: skip

@@ -16,7 +16,7 @@ TRUNCATED = "int((sum(a * b for a, b in zip(c, history, strict=True)) + 4096) / 
 CROSS = "codecs.predicted:cross_terms"
 TAPS = "codecs.predicted:taps_of"
 GRID = "codecs.grids:deadband_levels"
-BUCKETS = (f"{CODER}._magnitude", ENDS)
+BUCKETS = (f"{CODER}.magnitude", ENDS)
 
 MUTANTS = (
     mutant(
@@ -123,7 +123,7 @@ MUTANTS = (
         "escape-length-short",
         "The length of an escape has five bits.",
         "RNG-001 RNG-003",
-        Edit(f"{CODER}._magnitude", "self.raw(6)", "self.raw(5)"),
+        Edit(f"{CODER}.magnitude", "self.raw(6)", "self.raw(5)"),
     ),
     mutant(
         "signs-without-context",
