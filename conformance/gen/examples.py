@@ -453,10 +453,10 @@ def transformed() -> Example:
     f.cluster([(0, 0, body, 48), (0, 48, [svarint(100, "base 100"), varint(0, "none")], 4)],
               (0, 52 * MS))  # fmt: skip
     f.close(1)
-    note = f"""Codec `MDCT`: 48 ticks in two blocks, then a packet without coefficients. All integers
-are even, so the state is 0 throughout, and a coefficient is twice its integer. Block 0 is 24 times a
-quarter of a cosine, block 1 is 20 times three quarters; from tick 16 to 47 they are mixed. The counts
-are {" ".join(map(str, counts))}, then 100 100 100 100."""
+    note = f"""Codec `MDCT`: 48 ticks in two blocks, then a packet without coefficients. All
+integers are even: the state is 0 throughout, and a coefficient is twice its integer. Block 0 is 24
+times a quarter of a cosine, block 1 is 20 times three quarters. From tick 16 to 47 they are mixed.
+The counts are {" ".join(map(str, counts))}, then 100 100 100 100."""
     return Example(f, note, {"0": [span(0, *counts, 100, 100, 100, 100)]})
 
 
