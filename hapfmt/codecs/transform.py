@@ -90,23 +90,18 @@ def window(size: int) -> Integers:
     return np.ascontiguousarray(cosines()[np.stack((half - odd, half + odd))])
 
 
-def unmixed(coefficients: Doubles) -> Integers:
-    """v of SPEC 9.8, [blocks, size], of coefficients [blocks, size], which are whole numbers."""
-    v = (coefficients @ waves(coefficients.shape[1])).astype(np.int64)
+def inverse(coefficients: Doubles) -> Integers:
+    """Samples [blocks * size] of coefficients [blocks, size], which are whole numbers."""
+    blocks, size = coefficients.shape
+    v = (coefficients @ waves(size)).astype(np.int64)
     v += 1 << (COSINE_BITS - 1)
     v >>= COSINE_BITS
-    return v
-
-
-def mixed(v: Integers) -> Integers:
-    """x of SPEC 9.8, in one row."""
-    half = v.shape[1] // 2
-    w, z = window(v.shape[1])
-    right, left = v[1:, :half], v[:-1, : half - 1 : -1]
+    w, z = window(size)
+    right, left = v[1:, : size // 2], v[:-1, : size // 2 - 1 : -1]
     x = (v + UNIT // 2) // UNIT
-    x[1:, :half] = (w * right - z * left + (1 << 22)) >> 23
-    x[:-1, : half - 1 : -1] = (w * left + z * right + (1 << 22)) >> 23
-    return x.reshape(-1)
+    x[1:, : size // 2] = (w * right - z * left + (1 << 22)) >> 23
+    x[:-1, : size // 2 - 1 : -1] = (w * left + z * right + (1 << 22)) >> 23
+    return x.reshape(blocks * size)
 
 
 @dataclass(frozen=True)
@@ -278,7 +273,7 @@ def decode_component(
         return
     coefficients = np.zeros((-(-out.size // size), size))
     decode_coefficients(coded, steps.tolist(), classes, start, coefficients, at)
-    out[:] = np.clip(base + mixed(unmixed(coefficients))[: out.size], low, high)
+    out[:] = np.clip(base + inverse(coefficients)[: out.size], low, high)
 
 
 def decode_within(

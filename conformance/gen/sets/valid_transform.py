@@ -118,6 +118,13 @@ def integers() -> Iterator[Case]:
         track(packet(component(rows, least), span=27 * 32, shape=least, clamped=WIDE),
               shape=least, clamped=WIDE),
     )  # fmt: skip
+    rest = [[3, -2, 1], *[[0] * 3] * 24, [1, 0, -2], *[[0] * 3] * 9]
+    yield valid(
+        "mdct-to-rest",
+        "Averages come down to 0: what they move by is rounded towards minus infinity.",
+        ["RNG-001", "CNV-001"],
+        track(packet(component(rest, start=30), span=35 * 32, clamped=WIDE), clamped=WIDE),
+    )  # fmt: skip
     tilted = [[luck.between(-(4000 >> k // 3), 4000 >> k // 3) for k in range(32)]
               for _ in range(12)]  # fmt: skip
     yield valid(
