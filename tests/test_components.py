@@ -16,6 +16,7 @@ from component_programs import (
     classes,
     codebook,
     coded_knots,
+    cosine,
     division,
     entropy_coder,
     evnt,
@@ -34,6 +35,9 @@ from component_programs import (
     sine,
     strings,
     svarint,
+    transform,
+    transform_steps,
+    transformed,
     varint,
 )
 from spec import REQUIREMENTS
@@ -171,6 +175,7 @@ PROGRAMS = {
     "entropy-coder": entropy_coder, "knot": knot, "coded-knots": coded_knots,
     "codebook": codebook, "quan": quan, "rawb": rawb, "evnt": evnt, "sine": sine, "predictor": predictor, "grid": grid,
     "lpcr": lpcr_packet, "exact-values": exact_values, "places": places, "lpcx": lpcx,
+    "cosine": cosine, "mdct-steps": transform_steps, "transform": transform, "mdct": transformed,
     "cluster": cluster, "clock-chunks": clock_chunk, "clock-maps": clock_map, "times": times,
     "digest": digest, "salvage": salvage, "contract": contract, "deviation": deviation,
 }  # fmt: skip
