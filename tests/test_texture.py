@@ -23,12 +23,14 @@ import hapfmt
 from hapfmt import Calibration, Channel, ParameterError, Recording, Settings
 from hapfmt.encoder.bitrate import fill
 from hapfmt.encoder.encode import Decision
+from hapfmt.encoder.felt import FeltChannel
 from hapfmt.encoder.plan import Promise
 from hapfmt.encoder.quality import NoiseMeasure, has_similarity
 from hapfmt.encoder.settings import CLOSE, TextureQuality, Tolerance
 from hapfmt.encoder.source import InputBlock, cut
-from hapfmt.encoder.texture import CodedTrial, FeltChannel, ways_of, widest
+from hapfmt.encoder.texture import widest
 from hapfmt.encoder.unit import decoded_pieces
+from hapfmt.encoder.ways import CodedTrial, ways_of
 from hapfmt.errors import MissingExtraError
 from hapfmt.metrics import snr_hf_db, st_sim
 from hapfmt.recording import Span
