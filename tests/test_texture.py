@@ -30,7 +30,7 @@ from hapfmt.encoder.settings import CLOSE, TextureQuality, Tolerance
 from hapfmt.encoder.source import InputBlock, cut
 from hapfmt.encoder.texture import widest
 from hapfmt.encoder.unit import decoded_pieces
-from hapfmt.encoder.ways import CodedTrial, ways_of
+from hapfmt.encoder.ways import CodedTrial, Way, ways_of
 from hapfmt.errors import MissingExtraError
 from hapfmt.metrics import snr_hf_db, st_sim
 from hapfmt.recording import Span
@@ -305,9 +305,9 @@ class TestWays:
             y = calibration.physical(np.concatenate([p[:, 0] for p in decoded_pieces(unit)]))
             assert np.array_equal(y, trial.samples)
             assert felt.holds(y) and unit.size > 0
-            assert trial.code(unit.size // 2) is None
+            assert way.costly or trial.code(unit.size // 2) is None
             found += 1
-        assert found >= 2
+        assert found >= 4
 
     def test_own_grid_of_few_values(self) -> None:
         """Differences of encoder counts: steps that are no multiples took 20 to 40 % more."""
@@ -340,7 +340,7 @@ class TestWays:
                     e = allowed * (step / right) ** power
                     return CodedTrial(step, channel.samples() + e * noise, lambda _size: None)
 
-                trial = widest(way, felt)
+                trial = widest(Way(way, felt.first_step), felt)
                 assert trial is not None
                 error = felt.measure.error(trial.samples)
                 assert 0.985 * felt.measure.allowed <= error <= felt.measure.allowed

@@ -9,6 +9,7 @@ from math import ceil, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from ..recording import Calibration, Channel
 from ..split import PADDING_PERIODS, slow_for_telling
 from .plan import Promise, without_glitches
 from .quality import Measure, measure_of
@@ -94,6 +95,13 @@ class FeltChannel:
         """What is coded: in silent stretches the slow part."""
         return self.x if self.textured is None else np.where(self.textured, self.x, self.slow)
 
+    def wanted_counts(self, channel: Channel) -> NDArray[np.int64]:
+        """The same in counts of this channel, or of its finer form."""
+        assert channel.calibration is not None
+        if self.textured is None:
+            return channel.stored.astype(np.int64)
+        return counts_nearest(self.wanted, channel.calibration)
+
     def holds(self, y: Doubles) -> bool:
         """Whether decoded samples keep the quality, and their slow part the deadband."""
         return self.measure.error(y) <= self.measure.allowed and self.slow_holds(y)
@@ -101,6 +109,11 @@ class FeltChannel:
     def slow_holds(self, y: Doubles) -> bool:
         error = slow_of(y - self.x, self.source, self.cutoff_hz)
         return bool((np.abs(error) <= self.allowed).all())
+
+
+def counts_nearest(x: Doubles, calibration: Calibration) -> NDArray[np.int64]:
+    exact = (x * calibration.d - calibration.b) / calibration.a
+    return np.floor(exact + 0.5).astype(np.int64)
 
 
 def textured_samples(fast: Doubles, floor: float, source: InputBlock) -> NDArray[np.bool_] | None:

@@ -32,6 +32,9 @@ between the step that keeps it and the one before is then halved."""
 NEAR = 0.99
 """The search for a step ends where the error is at least this share of the largest allowed one."""
 
+NEAR_ENOUGH = 0.975
+"""The same where each try codes the channel: 0.1 dB."""
+
 SEARCHED, FACTOR = 24, 4.0
 """Most steps that a search tries, and the largest factor from one to the next."""
 
@@ -94,10 +97,11 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
     None where the way has no step that is fine enough.
     """
     allowed = felt.measure.allowed
-    step, most = felt.first_step, float(np.ptp(felt.x))
+    step, most = way.first, float(np.ptp(felt.x))
+    near = NEAR_ENOUGH if way.costly else NEAR
     low = high = best = None
     for _ in range(SEARCHED):
-        trial = way(step)
+        trial = way.at(step)
         if trial is None:
             break
         if trial.step in (low and low[0], high and high[0]):
@@ -106,13 +110,13 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
         error = felt.measure.error(trial.samples)
         if error <= allowed:
             low, best = (step, error), trial
-            if error >= NEAR * allowed or step >= most:
+            if error >= near * allowed or step >= most:
                 break
         else:
             high = (step, error)
         if low and high and high[0] <= low[0] * 1.0005:
             break
-        step = min(next_step(low, high, allowed * (1 + NEAR) / 2), max(most, step))
+        step = min(next_step(low, high, allowed * (1 + near) / 2), max(most, step))
     if best is None or felt.slow_holds(best.samples):
         return best
     assert low
@@ -122,8 +126,8 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
 def narrower(way: Way, felt: FeltChannel, wide: float) -> CodedTrial | None:
     """The trial of the widest step below ``wide`` whose slow part keeps the deadband."""
     found = None
-    for _ in range(TRIES):
-        trial = way(wide * NARROWER)
+    for _ in range(TRIES // 2 if way.costly else TRIES):
+        trial = way.at(wide * NARROWER)
         if trial is None:
             return None
         if felt.slow_holds(trial.samples):
@@ -131,8 +135,8 @@ def narrower(way: Way, felt: FeltChannel, wide: float) -> CodedTrial | None:
             break
         wide *= NARROWER
     low = wide * NARROWER
-    for _ in range(HALVINGS if found else 0):
-        trial = way(middle := sqrt(low * wide))
+    for _ in range(HALVINGS if found and not way.costly else 0):
+        trial = way.at(middle := sqrt(low * wide))
         if trial is not None and felt.slow_holds(trial.samples):
             low, found = middle, replace(trial, limited=True)
         else:

@@ -196,9 +196,13 @@ def encode_row(x: Doubles, parameters: TransformParameters, weight: int = LAMBDA
 
 
 def encode_coefficients(
-    base: int, coefficients: Doubles, parameters: TransformParameters, weight: int = LAMBDA
+    base: int,
+    coefficients: Doubles,
+    parameters: TransformParameters,
+    weight: int = LAMBDA,
+    classes: int | None = None,
 ) -> bytes:
-    """The same for samples whose coefficients are known."""
+    """The same for samples whose coefficients are known; in these classes, where they are given."""
     steps = parameters.steps
     exact = np.abs(coefficients) * (SCALE / steps)
     if not float(exact.max()) < FARTHEST:
@@ -207,15 +211,21 @@ def encode_coefficients(
     if not scaled.size:
         return encode_component(base, scaled, 0, 0)
     start = start_byte(scaled)
-    classes = START_CLASSES[int(np.median(scaled) >= SCALE)]
+    rounds = ROUNDS if classes is None else 0
+    if classes is None:
+        classes = START_CLASSES[int(np.median(scaled) >= SCALE)]
     found = trellis(scaled, classes, start, weight)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         better = best_classes(found.seen)
         if better == classes:
             break
         classes = better
         found = trellis(scaled, classes, start, weight)
     magnitudes = kept_part(found.magnitudes, 1)
+    while 0 < magnitudes.shape[1] < scaled.shape[1]:
+        # A coefficient of 0 changes the state too: without the last ones, the states are others.
+        scaled = scaled[:, : magnitudes.shape[1]]
+        magnitudes = kept_part(trellis(scaled, classes, start, weight).magnitudes, 1)
     kept = magnitudes.shape[1]
     if float((2.0 * magnitudes * steps[:kept]).sum(axis=1).max()) > SUM_LIMIT:
         raise ValueError(TOO_LARGE)
