@@ -120,6 +120,8 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
     if best is None or felt.slow_holds(best.samples):
         return best
     assert low
+    if way.steadier:
+        return widest(way.steadier(low[0]), felt)
     return narrower(way, felt, low[0])
 
 

@@ -5,14 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import ceil, sqrt
+from functools import partial
+from math import ceil, log2, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from ..codecs.grids import LpcParameters
 from ..codecs.predicted import join_components
-from ..codecs.transform import BLOCKS, UNIT, TransformParameters, parse_header
+from ..codecs.transform import (
+    BLOCKS,
+    UNIT,
+    WEIGHT_ONE,
+    WEIGHTS_LIMIT,
+    TransformParameters,
+    parse_header,
+)
 from ..codecs.transform import STEP_LIMIT as STEP_MOST
 from ..errors import ParameterError
 from ..format.cluster import Packet
@@ -49,6 +57,10 @@ TRELLIS_NOISE, TRELLIS_ZERO = 0.24, 1.3
 """Mean squared error of a coefficient in squares of the step, which is 1/3 without a trellis. And
 how many steps a coefficient is smaller than that becomes 0. Both are measured."""
 
+SLOW_BAND = 2
+"""Coefficients up to this many times the split frequency decide whether the slow part keeps its
+deadband."""
+
 STEP_HALVINGS = 12
 
 FREE_TRIALS = 2
@@ -78,12 +90,14 @@ class Way:
     """A way to code a texture: a function of the step of a uniform grid, in the channel's unit.
 
     The function gives None where there is no such step. ``first``: the step to begin with.
-    ``costly``: each trial codes the channel.
+    ``costly``: each trial codes the channel. ``steadier``: a way with smaller errors of the slow
+    part, from the step to begin with; None: there is none.
     """
 
     at: Callable[[float], CodedTrial | None]
     first: float
     costly: bool = False
+    steadier: Callable[[float], Way] | None = None
 
 
 def ways_of(
@@ -294,8 +308,8 @@ def way_of_transform(felt: FeltChannel, channel: Channel, first_channel: int) ->
     track = whole_range(replace(whole, counts=stored[:, None]), first_channel)
     lapped = Lapped(felt, whole, count)
 
-    def way(step: float) -> CodedTrial | None:
-        coded = lapped.code(track, step)
+    def way(weight: int, step: float) -> CodedTrial | None:
+        coded = lapped.code(track, step, weight)
         if coded is None:
             return None
         y = decode_all(coded, 1)[:, 0]
@@ -304,7 +318,7 @@ def way_of_transform(felt: FeltChannel, channel: Channel, first_channel: int) ->
         unit = Unit(coded, None, "transformed", lapped.text(step, channel), channels=(channel,))
         return CodedTrial(step, calibration.physical(y), lambda _smallest: unit)
 
-    return Way(way, lapped.first, costly=True)
+    return weighted(way, lapped.first)
 
 
 def way_of_lines_and_transform(felt: FeltChannel, split: Split) -> Way:
@@ -314,8 +328,8 @@ def way_of_lines_and_transform(felt: FeltChannel, split: Split) -> Way:
     lapped = Lapped(felt, rest, float(abs(calibration.step)))
     track = split.residual_track("MDCT", b"", split.residual)
 
-    def way(step: float) -> CodedTrial | None:
-        fast = lapped.code(track, step) if track else None
+    def way(weight: int, step: float) -> CodedTrial | None:
+        fast = lapped.code(track, step, weight) if track else None
         if fast is None:
             return None
         y = split.with_residual(decode_all(fast, 1)[:, 0])
@@ -323,7 +337,18 @@ def way_of_lines_and_transform(felt: FeltChannel, split: Split) -> Way:
         unit = split.unit(fast, y, "lines + transformed", reason)
         return CodedTrial(step, calibration.physical(y), lambda _smallest: unit)
 
-    return Way(way, lapped.first, costly=True)
+    return weighted(way, lapped.first)
+
+
+def weighted(
+    way: Callable[[int, float], CodedTrial | None], first: float, weight: int = WEIGHT_ONE
+) -> Way:
+    """A way by MDCT, and after it those with smaller weights of slow coefficients."""
+
+    def steadier(step: float) -> Way:
+        return weighted(way, step, weight // 4)
+
+    return Way(partial(way, weight), first, True, steadier if weight >= 4 else None)
 
 
 class Lapped:
@@ -331,7 +356,7 @@ class Lapped:
 
     def __init__(self, felt: FeltChannel, source: InputBlock, count: float) -> None:
         """The block whose coefficients take the fewest bits, about. count: in the unit."""
-        self.count = count
+        self.count, self.rate, self.cutoff_hz = count, float(source.rate), felt.cutoff_hz
         noise = (felt.first_step / count) ** 2 / 12
         found = []
         for size in BLOCKS:
@@ -345,17 +370,26 @@ class Lapped:
         self.classes: list[int | None] = [None] * len(self.blocks)
         self.trials = 0
 
-    def parameters(self, step: float) -> TransformParameters:
+    def parameters(self, step: float, weight: int = WEIGHT_ONE) -> TransformParameters:
         counts = step / self.count / sqrt(2 * self.size)
-        return TransformParameters(self.size, clamp(round(UNIT * counts), 1, STEP_MOST))
+        weights = b"" if weight == WEIGHT_ONE else self.weights(weight)
+        return TransformParameters(self.size, clamp(round(UNIT * counts), 1, STEP_MOST), weights)
 
-    def code(self, track: Track, step: float) -> Coded | None:
+    def weights(self, weight: int) -> bytes:
+        """The weight, for bands that begin below SLOW_BAND times the split frequency."""
+        slow = SLOW_BAND * self.cutoff_hz
+        most = min(self.size, WEIGHTS_LIMIT)
+        bands = min(1 << ceil(log2(max(self.rate / slow, 2))), most)
+        slow_bands = min(ceil(slow / (self.rate / 2 / bands)), bands)
+        return bytes([weight] * slow_bands + [WEIGHT_ONE] * (bands - slow_bands))
+
+    def code(self, track: Track, step: float, weight: int) -> Coded | None:
         """None where coefficients are too large for the codec.
 
         The classes of the entropy coder follow the step for a few trials. Then they stay: where
         they jump, the trellis finds another error.
         """
-        parameters = self.parameters(step)
+        parameters = self.parameters(step, weight)
         coded = Coded(replace(track, codec="MDCT", parameters=parameters.build()))
         classes = self.classes if self.trials >= FREE_TRIALS else [None] * len(self.blocks)
         self.trials += 1
