@@ -309,6 +309,21 @@ class TestWays:
             found += 1
         assert found >= 4
 
+    @pytest.mark.parametrize("loud", [0.01, 1])
+    def test_the_error_follows_the_step(self, loud: float) -> None:
+        """Also by MDCT. Where last coefficients became 0, the states of the quantiser were others
+        than those of the decoder, and errors jumped by a third."""
+        slow = slow_for_telling(texture()[:, None], 1000.0)[:, 0]
+        channel = counted(slow + loud * (texture() - slow), step=20_000)
+        felt, promise = self.felt(channel, TextureQuality(10), floor=0.001)
+        for way in ways_of(felt, channel, 0, promise):
+            for _ in range(4):
+                assert way.at(way.first) is not None  # classes and steps settle
+            errors = [
+                felt.measure.error(way.at(way.first * 1.01**k).samples) for k in range(-12, 13)
+            ]
+            assert max(abs(np.diff(np.log(errors)))) < 0.12
+
     def test_own_grid_of_few_values(self) -> None:
         """Differences of encoder counts: steps that are no multiples took 20 to 40 % more."""
         rng = np.random.default_rng(2)
