@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from importlib import import_module
+from types import ModuleType
 from typing import Any, Literal
 
 import numpy as np
@@ -289,6 +290,14 @@ def resampling_8khz(rate_hz: float | Fraction) -> Fraction:
     return exact.limit_denominator(max(int(TEXTURE_MOST / max(exact, Fraction(1))), 1))
 
 
+def require_package(module: str = "stsim") -> ModuleType:
+    """A module of the package vibromaf; MissingExtraError with the command that installs it."""
+    try:
+        return import_module(f"vibromaf.metrics.{module}")
+    except ImportError as error:
+        raise MissingExtraError("vibromaf", "metrics") from error
+
+
 def _by_package(
     module: str,
     name: str,
@@ -303,10 +312,7 @@ def _by_package(
         raise ParameterError(f"{NAMES[name]} compares single channels, [ticks]")
     if np.array_equal(a, b):
         return 1.0
-    try:
-        measure = getattr(import_module(f"vibromaf.metrics.{module}"), name)
-    except ImportError as error:
-        raise MissingExtraError("vibromaf", "metrics") from error
+    measure = getattr(require_package(module), name)
     reference, distorted = (_texture_8khz(x, rate_hz, NAMES[name]) for x in (a, b))
     if not (np.any(reference) and np.any(distorted)):
         return float(np.any(reference) == np.any(distorted))

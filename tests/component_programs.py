@@ -7,11 +7,10 @@ import struct
 from array import array
 
 import numpy as np
-from forge import mdct_parameters
 from singles import decode_counts, decode_exact
 
 from hapfmt.codecs import predicted as lpcr
-from hapfmt.codecs import transform as lapped
+from hapfmt.codecs import transform as mdct
 from hapfmt.codecs.entropy import Decoder, Lengths, ends_of
 from hapfmt.codecs.events import parse_events
 from hapfmt.codecs.exact import ExactParameters, ordered, unordered, values_of
@@ -224,38 +223,6 @@ def lpcr_packet(case):
     return {"indices": [row.tolist() for row in rows]}
 
 
-def cosine(case):
-    table = lapped.cosines()
-    if "pairs" in case:
-        return {"pairs": [[i, int(table[i % 4096])] for i, _ in case["pairs"]]}
-    entries = table[:1025]
-    digest = hashlib.sha256(entries.astype("<u2").tobytes()).hexdigest()
-    return {"entries": entries.tolist(), "sha256": digest}
-
-
-def transform_parameters(case):
-    raw = mdct_parameters(case["m"], case["step"], case["weights"])
-    return lapped.TransformParameters.parse(raw, 0)
-
-
-def mdct_steps(case):
-    return {"steps": transform_parameters(case).steps.tolist()}
-
-
-def transform(case):
-    blocks = np.zeros((len(case["coefficients"]), 1 << case["m"]))
-    for row, given in zip(blocks, case["coefficients"], strict=True):
-        row[: len(given)] = [int(x) for x in given]
-    return {"x": lapped.inverse(blocks).tolist()}
-
-
-def mdct(case):
-    data, span, parameters = bytes.fromhex(case["packet"]), case["span"], transform_parameters(case)
-    ends = -(2**31), 2**31 - 1
-    rows = lapped.decode_within(data, parameters, span, case["components"], LEVEL, 0, *ends)
-    return {"counts": rows.T.tolist()}
-
-
 def hexed(doubles):
     return [f"{word:016x}" for word in np.ascontiguousarray(doubles, "<f8").view("<u8").tolist()]
 
@@ -282,3 +249,43 @@ def lpcx(case):
         assert counts.tolist() == case["counts"]
     exact = decode_exact(data, parameters, Affine(*case["calibration"]), counts, 0)
     return {"counts": counts.tolist(), "exact": hexed(exact)}
+
+
+def cosine(case):
+    table = mdct.cosines()
+    if "entries" in case:
+        quarter = table[:1025]
+        digest = hashlib.sha256(quarter.astype("<u2").tobytes()).hexdigest()
+        return {"entries": quarter.tolist(), "sha256": digest}
+    return {"pairs": [[i, int(table[i % table.size])] for i, _ in case["pairs"]]}
+
+
+def transform_of(case):
+    data = bytes([case["m"]]) + build_varint(case["step"])
+    weights = bytes(case["weights"])
+    return mdct.TransformParameters.parse(data + bytes([len(weights)]) + weights, 0)
+
+
+def transform_steps(case):
+    return {"steps": transform_of(case).steps.tolist()}
+
+
+def transform(case):
+    rows = np.zeros((len(case["coefficients"]), 1 << case["m"]))
+    for row, given in zip(rows, case["coefficients"], strict=True):
+        row[: len(given)] = given
+    return {"x": mdct.inverse(rows).tolist()}
+
+
+def transformed(case):
+    data, parameters = bytes.fromhex(case["packet"]), transform_of(case)
+    span, count = case["span"], case["components"]
+    rows = mdct.decode_within(data, parameters, span, count, LEVEL, 0, -(2**31), 2**31 - 1)
+    out = {"counts": rows.T.tolist()}
+    if "blocks" in case:
+        header, at = mdct.parse_header(data, parameters.size, LEVEL, 0)
+        blocks = np.zeros((-(-span // parameters.size), header.kept))
+        steps = parameters.steps[: header.kept].tolist()
+        mdct.decode_coefficients(data[at:], steps, header.classes, header.start, blocks, at)
+        out["blocks"] = blocks.astype(np.int64).tolist()
+    return out

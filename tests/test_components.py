@@ -28,8 +28,6 @@ from component_programs import (
     lengths,
     lpcr_packet,
     lpcx,
-    mdct,
-    mdct_steps,
     places,
     predictor,
     quan,
@@ -38,6 +36,8 @@ from component_programs import (
     strings,
     svarint,
     transform,
+    transform_steps,
+    transformed,
     varint,
 )
 from spec import REQUIREMENTS
@@ -175,7 +175,7 @@ PROGRAMS = {
     "entropy-coder": entropy_coder, "knot": knot, "coded-knots": coded_knots,
     "codebook": codebook, "quan": quan, "rawb": rawb, "evnt": evnt, "sine": sine, "predictor": predictor, "grid": grid,
     "lpcr": lpcr_packet, "exact-values": exact_values, "places": places, "lpcx": lpcx,
-    "cosine": cosine, "mdct-steps": mdct_steps, "transform": transform, "mdct": mdct,
+    "cosine": cosine, "mdct-steps": transform_steps, "transform": transform, "mdct": transformed,
     "cluster": cluster, "clock-chunks": clock_chunk, "clock-maps": clock_map, "times": times,
     "digest": digest, "salvage": salvage, "contract": contract, "deviation": deviation,
 }  # fmt: skip

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from ..errors import FormatError, TruncatedError
 from ..kernels import compiled
 from ..limits import Level
-from ..numbers import build_svarint, build_varint, parse_svarint, parse_varint, rdiv
+from ..numbers import build_svarint, build_varint, clamp, parse_svarint, parse_varint, rdiv
 from .entropy import (
     ERROR_BITS,
     START_MOST,
@@ -54,7 +55,7 @@ COSINE_BITS = 15
 
 NEXT = ((0, 2), (5, 7), (1, 3), (4, 6), (2, 0), (7, 5), (3, 1), (6, 4))
 """The state after an even and after an odd magnitude. The quantiser is the lowest bit of a state.
-Of all linear tables of eight states, none has a smaller error at high rates."""
+No linear table of eight states has a smaller error at high rates."""
 
 STATUS = {
     2: ("RNG-003", "a magnitude of 2^34 or more"),
@@ -136,7 +137,7 @@ class TransformParameters:
 
     @cached_property
     def steps(self) -> Integers:
-        """Of each coefficient."""
+        """The step of each coefficient."""
         count = len(self.weights) or 1
         weights = self.weights or bytes([WEIGHT_ONE])
         each = [max(1, rdiv(self.step * weight, WEIGHT_ONE)) for weight in weights]
@@ -148,10 +149,10 @@ class Neighbours:
     """Magnitudes around the coefficient that is next, times 256 (SPEC 9.8)."""
 
     before: list[int]
-    """Of the block before."""
+    """Those of the block before."""
 
     mean: list[int]
-    """Of all blocks before."""
+    """Their averages over all blocks before."""
 
     @classmethod
     def start(cls, start: int, count: int) -> Neighbours:
@@ -208,10 +209,46 @@ def decode_coefficients(
     coder.finish()
 
 
+class TransformHeader(NamedTuple):
+    """The head of a component packet: base, coded coefficients of each block, the class of each
+    quantiser (four bits each), and the start byte."""
+
+    base: int
+    kept: int
+    classes: int = 0
+    start: int = 0
+
+    def build(self) -> bytes:
+        head = build_svarint(self.base) + build_varint(self.kept)
+        return head + bytes([self.classes, self.start]) if self.kept else head
+
+
+def parse_header(data: bytes, size: int, level: Level, offset: int) -> tuple[TransformHeader, int]:
+    """The header, and where the coded bytes begin."""
+    base, position = parse_svarint(data, 0, offset)
+    count, position = parse_varint(data, position, offset)
+    if abs(base) > level.count_bound or count > size:
+        raise FormatError(
+            "a base or a number of coefficients beyond its bound",
+            requirement="MDC-002",
+            offset=offset,
+        )
+    if not count:
+        if position != len(data):
+            raise FormatError(
+                "bytes left over after a constant", requirement="COD-001", offset=offset + position
+            )
+        return TransformHeader(base, 0), position
+    if len(data) < position + 2 or data[position + 1] > START_MOST:
+        raise FormatError(
+            "a coding that is not defined", requirement="RNG-004", offset=offset + position
+        )
+    return TransformHeader(base, count, data[position], data[position + 1]), position + 2
+
+
 def decode_component(
     data: bytes,
     parameters: TransformParameters,
-    span: int,
     level: Level,
     offset: int,
     low: int,
@@ -219,25 +256,12 @@ def decode_component(
     out: NDArray[np.int32],
 ) -> None:
     """Fills ``out`` [span] with counts, clamped to the declared range."""
-    base, position = parse_svarint(data, 0, offset)
-    count, position = parse_varint(data, position, offset)
-    if abs(base) > level.count_bound or count > parameters.size:
-        raise FormatError("a base or a number of coefficients beyond the bound",
-                          requirement="MDC-002", offset=offset)  # fmt: skip
+    size = parameters.size
+    (base, count, classes, start), position = parse_header(data, size, level, offset)
     if not count:
-        if position != len(data):
-            raise FormatError(
-                "bytes left over after a constant", requirement="COD-001", offset=offset + position
-            )
-        out[:] = min(max(base, low), high)
+        out[:] = clamp(base, low, high)
         return
-    if len(data) < position + 2 or data[position + 1] > START_MOST:
-        raise FormatError(
-            "a coding that is not defined", requirement="RNG-004", offset=offset + position
-        )
-    classes, start = data[position], data[position + 1]
-    coded, at = data[position + 2 :], offset + position + 2
-    size, steps = parameters.size, parameters.steps[:count]
+    coded, at, steps = data[position:], offset + position, parameters.steps[:count]
     if compiled is not None:
         status, taken = compiled.mdct_decode(
             coded, waves(size), window(size), steps, classes, start, base, low, high, out
@@ -247,9 +271,9 @@ def decode_component(
             place = at + min(taken, len(coded))
             raise FormatError(message, requirement=requirement, offset=place)
         return
-    coefficients = np.zeros((-(-span // size), size))
+    coefficients = np.zeros((-(-out.size // size), size))
     decode_coefficients(coded, steps.tolist(), classes, start, coefficients, at)
-    out[:] = np.clip(base + inverse(coefficients)[:span], low, high)
+    out[:] = np.clip(base + inverse(coefficients)[: out.size], low, high)
 
 
 def decode_within(
@@ -265,22 +289,14 @@ def decode_within(
     """The packet ``data`` at ``offset``, as counts [span, components] in the declared range."""
     rows = np.empty((count, span), np.int32)
     for row, (start, end) in zip(rows, split_components(data, count, offset), strict=True):
-        decode_component(
-            data[start:end], parameters, span, level, offset + start, low, high, row
-        )
+        decode_component(data[start:end], parameters, level, offset + start, low, high, row)
     return np.ascontiguousarray(rows.T)
 
 
-def build_component(base: int, count: int, classes: int = 0, start: int = 0) -> bytes:
-    """The header of a component packet."""
-    head = build_svarint(base) + build_varint(count)
-    return head + bytes([classes, start]) if count else head
-
-
 def encode_component(base: int, levels: Integers, classes: int, start: int) -> bytes:
-    """A component packet. levels [blocks, coded coefficients]: magnitudes of each coefficient with
-    its sign, as the quantisers in turn have them."""
-    head = build_component(base, levels.shape[1], classes, start)
+    """A component packet. levels [blocks, coded coefficients]: the magnitude of each coefficient,
+    as its quantiser has it, with its sign."""
+    head = TransformHeader(base, levels.shape[1], classes, start).build()
     return head + encode_levels(levels, classes, start) if levels.shape[1] else head
 
 
@@ -289,13 +305,13 @@ def encode_levels(levels: Integers, classes: int, start: int) -> bytes:
     if np.abs(levels).max(initial=0) >> ERROR_BITS:
         raise ValueError("a magnitude of 2^34 or more")
     if compiled is not None:
-        room = bytearray(2 * levels.size + 64)
-        plain = np.ascontiguousarray(levels, np.int64)
-        while (needed := compiled.mdct_encode(plain, levels.shape[1], classes, start, room)) > len(
-            room
-        ):
-            room = bytearray(needed)
-        return bytes(room[:needed])
+        plain, count = np.ascontiguousarray(levels, np.int64), levels.shape[1]
+        out = bytearray(2 * levels.size + 64)
+        size = compiled.mdct_encode(plain, count, classes, start, out)
+        if size > len(out):
+            out = bytearray(size)
+            compiled.mdct_encode(plain, count, classes, start, out)
+        return bytes(out[:size])
     coder = Encoder(many_pay=False)
     shares: list[tuple[int, int]] = []
     near, state = Neighbours.start(start, levels.shape[1]), 0

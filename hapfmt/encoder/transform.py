@@ -18,7 +18,6 @@ from ..codecs.entropy import (
     CLASSES,
     CONTEXTS,
     EDGES,
-    ERROR_BITS,
     ESCAPE,
     EXTRA,
     SYMBOLS,
@@ -28,9 +27,7 @@ from ..codecs.entropy import (
 )
 from ..codecs.predicted import join_components
 from ..codecs.transform import (
-    BLOCKS,
     NEXT,
-    STEP_LIMIT,
     SUM_LIMIT,
     UNIT,
     Neighbours,
@@ -55,12 +52,13 @@ LAMBDA = 90
 0.5 % from 75 to 110."""
 
 START_CLASSES = (0xE2, 0xD8)
-"""Classes that the trellis is tried with at first: for coefficients that are mostly 0, and others."""
+"""Classes that the trellis begins with: for coefficients that are mostly 0, and for others."""
 
 ROUNDS = 2
 """Most often that the classes are chosen again by what the trellis found."""
 
-FAR = 1 << 62
+FARTHEST = 1 << 42
+"""Targets of the trellis lie below."""
 
 
 def forward(x: Doubles, size: int) -> Doubles:
@@ -82,7 +80,7 @@ def forward(x: Doubles, size: int) -> Doubles:
     return np.asarray(dct(rows, type=4, axis=1)) * (UNIT / size)
 
 
-class Found(NamedTuple):
+class Quantised(NamedTuple):
     """What the trellis chose: magnitudes [blocks, coefficients], and how often each symbol came
     [2, contexts, symbols]."""
 
@@ -90,25 +88,25 @@ class Found(NamedTuple):
     seen: Integers
 
 
-def trellis(scaled: Integers, classes: int, start: int, weight: int = LAMBDA) -> Found:
+def trellis(scaled: Integers, classes: int, start: int, weight: int = LAMBDA) -> Quantised:
     """scaled [blocks, coefficients]: magnitudes in 256ths of their steps, below 2**40."""
     magnitudes = np.zeros(scaled.shape, np.int64)
     seen = np.zeros((2, CONTEXTS, SYMBOLS), np.int64)
     if compiled is not None:
         plain = np.ascontiguousarray(scaled, np.int64)
         compiled.mdct_trellis(plain, scaled.shape[1], classes, start, weight, magnitudes, seen)
-        return Found(magnitudes, seen)
+        return Quantised(magnitudes, seen)
     near, state = Neighbours.start(start, scaled.shape[1]), 0
     for t, row in enumerate(scaled.tolist()):
         chosen, state = quantise_block(row, near, state, classes, weight, seen)
         magnitudes[t] = chosen
         near.learn(chosen)
-    return Found(magnitudes, seen)
+    return Quantised(magnitudes, seen)
 
 
 @dataclass(frozen=True)
 class Survivor:
-    """The best way into a state: its cost, the two magnitudes before (times 256), and all of them."""
+    """The best way into a state: its cost, the two magnitudes before times 256, and all of them."""
 
     cost: int
     a1: int
@@ -176,18 +174,12 @@ def rest_bits(u: int, k: int, h: int) -> int:
 
 
 def best_classes(seen: Integers) -> int:
-    """The class of each quantiser that codes what was seen in the fewest bits."""
+    """The class of each quantiser that codes these symbols in the fewest bits."""
     found = 0
     for quantiser, counts in enumerate(seen.reshape(2, -1)):
         costs = [int(counts @ np.array(costs_of(n))) for n in range(CLASSES)]
         found |= costs.index(min(costs)) << 4 * quantiser
     return found
-
-
-def total_bits(found: Found, classes: int, start: int) -> int:
-    """256ths of bits that the magnitudes take in these classes, without raw bits."""
-    costs = [np.array(costs_of(classes >> 4 * q & 15)) for q in (0, 1)]
-    return sum(int(found.seen[q].reshape(-1) @ costs[q]) for q in (0, 1))
 
 
 def start_byte(scaled: Integers) -> int:
@@ -208,14 +200,12 @@ def encode_coefficients(
 ) -> bytes:
     """The same for samples whose coefficients are known."""
     steps = parameters.steps
-    scaled = np.abs(coefficients) * (SCALE / steps)
-    if scaled.max() >= 1 << (ERROR_BITS + 8):
+    exact = np.abs(coefficients) * (SCALE / steps)
+    if not float(exact.max()) < FARTHEST:
         raise ValueError(TOO_LARGE)
-    scaled = np.rint(scaled).astype(np.int64)
-    columns = np.flatnonzero((scaled >= SCALE // 2).any(axis=0))
-    if not columns.size:
-        return encode_component(base, np.zeros((len(scaled), 0), np.int64), 0, 0)
-    scaled = scaled[:, : columns[-1] + 1]
+    scaled = kept_part(np.rint(exact).astype(np.int64), SCALE // 2)
+    if not scaled.size:
+        return encode_component(base, scaled, 0, 0)
     start = start_byte(scaled)
     classes = START_CLASSES[int(np.median(scaled) >= SCALE)]
     found = trellis(scaled, classes, start, weight)
@@ -225,22 +215,27 @@ def encode_coefficients(
             break
         classes = better
         found = trellis(scaled, classes, start, weight)
-    magnitudes = found.magnitudes
-    columns = np.flatnonzero(magnitudes.any(axis=0))
-    kept = int(columns[-1]) + 1 if columns.size else 0
-    magnitudes = magnitudes[:, :kept]
-    within = 2 * magnitudes * steps[:kept] if magnitudes.max(initial=0) < 1 << 26 else None
-    if within is None or within.sum(axis=1).max(initial=0) > SUM_LIMIT:
+    magnitudes = kept_part(found.magnitudes, 1)
+    kept = magnitudes.shape[1]
+    if float((2.0 * magnitudes * steps[:kept]).sum(axis=1).max()) > SUM_LIMIT:
         raise ValueError(TOO_LARGE)
     signed = np.where(coefficients[:, :kept] < 0, -magnitudes, magnitudes)
     return encode_component(base, signed, classes, start)
+
+
+def kept_part(rows: Integers, least: int) -> Integers:
+    """Up to the last column in which a number is as large as ``least``."""
+    columns = np.flatnonzero((rows >= least).any(axis=0))
+    return rows[:, : int(columns[-1]) + 1 if columns.size else 0]
 
 
 TOO_LARGE = "coefficients beyond 2^36"
 
 
 def code_transform(
-    track: Track, parameters: TransformParameters, pieces: Iterable[tuple[Span, NDArray[np.int64]]],
+    track: Track,
+    parameters: TransformParameters,
+    pieces: Iterable[tuple[Span, NDArray[np.int64]]],
     weight: int = LAMBDA,
 ) -> Coded | None:
     """The track by MDCT. pieces: counts [ticks, components] of each packet. None where they are too

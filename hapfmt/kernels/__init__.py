@@ -3,8 +3,8 @@
 The twins run if the environment has ``HAPFMT_PURE=1``, or if a C source is newer than the build.
 This module declares the types of the C functions. Each .c file has the functions of one codec or
 search, and names its twin. Those of codecs/ are lpcr, knots, knots_coded, huffman (QUAN), exact
-(LPCX), transform (MDCT) and levels (grids). Those of encoder/ are select, tube, sweep, links, quick,
-trellis and vectors.
+(LPCX), transform (MDCT) and levels (grids). Those of encoder/ are select, tube, sweep, links,
+quick, trellis and vectors.
 Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the one before.
 lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
 """
