@@ -70,7 +70,7 @@ def head(tlvs: bytes = b"", **given) -> bytes:
 
 def minor_of(*codecs: str) -> int:
     """The minor version of a file with tracks of these codecs."""
-    return int("MDCT" in codecs)
+    return int(not {"MDCT", "NOIS"}.isdisjoint(codecs))
 
 
 def tlv(type_: int, value: bytes) -> bytes:
