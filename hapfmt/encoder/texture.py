@@ -64,9 +64,8 @@ def encode_textured(
         trial = widest(way, felt)
         if trial is None:
             continue
-        smallest = best.size if best else None
-        unit = trial.code(smallest)
-        if unit and (smallest is None or unit.size < smallest):
+        unit = trial.code(best.cost if best else None)
+        if unit and (best is None or unit.cost < best.cost):
             best = reported(unit, felt, trial.samples, DEADBAND if trial.limited else FINER_WINS)
     return best and replace(best, kept_as=promise.kept_as)
 
