@@ -41,7 +41,7 @@ from .wire import (
 KINDS = ("full", "lf", "hf", "events")
 NUMBER_FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
 WORD_SIZES = {"int64": 8, "uint64": 8, "binary16": 2, "binary32": 4, "binary64": 8}
-CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "LPCX", "EVNT")
+CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "LPCX", "EVNT", "NOIS")
 COMPONENTS = 255
 """Most components of a track, and of all tracks of a TRAK chunk (TRK-002)."""
 

@@ -15,11 +15,12 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs import knots, predicted, quantised
+from ..codecs import knots, noise, predicted, quantised
 from ..codecs.events import CodedEvent, decoded, parse_events
 from ..codecs.exact import ExactParameters, decode_counts, decode_exact, parse_parameters
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
+from ..codecs.noise import NoiseParameters
 from ..codecs.quantised import QuanParameters
 from ..codecs.raw import DTYPES, RawParameters, decode_raw
 from ..errors import FormatError, HapfmtError, ParameterError
@@ -31,7 +32,9 @@ from ..recording import Calibration, Channel, Deviation, Event, Span, append_spa
 from .catalogue import ChannelRef, TrackPair
 
 Exact = tuple[ExactParameters, ...]
-Parameters = KnotParameters | QuanParameters | RawParameters | LpcParameters | Exact
+Parameters = (
+    KnotParameters | QuanParameters | RawParameters | LpcParameters | NoiseParameters | Exact
+)
 
 
 CODEBOOKS = 128
@@ -79,6 +82,14 @@ class TrackDecoder:
                         offset=track.offset,
                     )
                 return parse_parameters(track.parameters, len(track.components), track.offset)
+            if track.codec == "NOIS":
+                if track.kind == "lf" or track.contract:
+                    raise FormatError(
+                        "a synthetic texture in an LF track, or with a contract",
+                        requirement="NOI-001",
+                        offset=track.offset,
+                    )
+                return NoiseParameters.parse(track.parameters, track.offset)
             return RawParameters.parse(track.parameters, track.number_format, track.offset)
         except HapfmtError as error:
             raise error.at(path=self.path) from None
@@ -139,6 +150,11 @@ class TrackDecoder:
             if isinstance(parameters, LpcParameters):
                 return predicted.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
+            if isinstance(parameters, NoiseParameters):
+                return noise.decode_within(
+                    packet.data, parameters, packet.span, size, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip
             if parameters is None:
