@@ -19,7 +19,7 @@ RECOVERED = [0, DAMAGED]
 NOTHING = "framing/nothing"
 """No chunk, so nothing to recover."""
 
-REFUSED = {"COD", "DAT-009", "EVT", "EXA", "KNT", "KTE", "LIM", "LPC", "QNT", "RAW", "RNG"}
+REFUSED = {"COD", "DAT-009", "EVT", "EXA", "KNT", "KTE", "LIM", "LPC", "NOI", "QNT", "RAW", "RNG"}
 """Rules that a decoder keeps (SPEC 16): it refuses what breaks one."""
 
 HEAD, TRACK, DATA = ("HEAD", f.head()), f.TRACK_0, f.DATA_0
@@ -29,7 +29,7 @@ END = DATA_AT + f.HEADER + len(DATA[1])
 """Offset of the chunk after HEAD, TRACK, DATA."""
 
 
-CODECS = ("EVNT", "KNOT", "LPCR", "LPCX", "QUAN", "RAWB")
+CODECS = ("EVNT", "KNOT", "LPCR", "LPCX", "NOIS", "QUAN", "RAWB")
 
 
 ENDS = ("alone", "and-a-byte", "cut-short", "missing", "none", "of-no-bytes", "past-the-packet",

@@ -38,8 +38,11 @@ STATE_MOST = (1 << 31) - 1
 HEAD = 7
 """Bytes of a component packet before its codings."""
 
-OUTSIDE = "a gain index or a coefficient out of range"
-FAULTS = {**STATUS, 7: ("NOI-006", OUTSIDE)}
+FAULTS = {
+    **STATUS,
+    7: ("NOI-006", "a gain index out of range"),
+    8: ("NOI-006", "a coefficient out of range"),
+}
 """What the compiled loop returns."""
 
 Counts = NDArray[np.int32]
@@ -103,7 +106,7 @@ def parse_model(data: bytes, offset: int) -> tuple[Model, int]:
             "the packet ends before its coded bytes", requirement="NOI-005", offset=offset
         )
     if data[6] > GAIN_LIMIT:
-        raise FormatError(OUTSIDE, requirement="NOI-006", offset=offset + 6)
+        raise FormatError("a gain index out of range", requirement="NOI-006", offset=offset + 6)
     first, second = (data[7], data[8]), (data[9], data[10]) if order else (0, 0)
     unused = first[0] & ~(15 | FOUR_STATES) or second[0] & ~15
     if unused or max(first[1], second[1]) > START_MOST:
@@ -195,7 +198,7 @@ def read_gains(coder: Decoder, model: Model, count: int) -> list[int]:
     for difference in coder.integers(count - 1, *model.gain_coding, signs=True):
         gains.append(gains[-1] + difference)
     if not 0 <= min(gains) <= max(gains) <= GAIN_LIMIT:
-        raise FormatError(OUTSIDE, requirement="NOI-006", offset=coder.place)
+        raise FormatError("a gain index out of range", requirement="NOI-006", offset=coder.place)
     return gains
 
 
@@ -213,7 +216,9 @@ def read_blocks(
         if not quiet:
             before = [k + next(differences) for k in before]
             if max(map(abs, before)) > COEFFICIENT_LIMIT:
-                raise FormatError(OUTSIDE, requirement="NOI-006", offset=coder.place)
+                raise FormatError(
+                    "a coefficient out of range", requirement="NOI-006", offset=coder.place
+                )
         blocks.append(before)
     return blocks
 
@@ -258,9 +263,7 @@ def decode_within(
     """The packet ``data`` at ``offset`` as counts [span, components], clamped (DEC-001)."""
     places = parts_of(data, count, offset)
     if places is None:
-        raise FormatError(
-            "component packets larger than their packet", requirement="NOI-004", offset=offset
-        )
+        raise FormatError("models larger than their packet", requirement="NOI-004", offset=offset)
     out = np.empty((count, span), np.int32)
     for row, (start, end) in zip(out, places, strict=True):
         decode_component(data[start:end], parameters, offset + start, low, high, row)

@@ -8,7 +8,7 @@
 
 #include "coded.h"
 
-enum { ORDERS = 32, GAIN_MOST = 112, K_MOST = 127, SINES = 128, BAD_MODEL = 7 };
+enum { ORDERS = 32, GAIN_MOST = 112, K_MOST = 127, SINES = 128, BAD_GAIN = 7, BAD_COEFFICIENT = 8 };
 enum { GAIN_BITS = 20, FRACTION_BITS = 6, SINE_BITS = 15, TICKS = 1 << 12 };
 
 typedef struct {
@@ -149,11 +149,12 @@ static int decode(uint8_t *in, int64_t size, const model *p, int64_t *numbers, i
     int status = overrun(&d) ? BAD_END : DONE;
     numbers[0] = p->first;
     if (!status) status = get_integers(&d, p->class[0], p->start[0], count - 1, numbers + 1, RAW_SIGNS);
-    if (!status && !add_up(numbers, count, 1, 0, GAIN_MOST)) status = BAD_MODEL;
+    if (!status && !add_up(numbers, count, 1, 0, GAIN_MOST)) status = BAD_GAIN;
     if (!status && p->order) {
         written = p->order * loud_blocks(p, numbers, count);
         status = get_integers(&d, p->class[1], p->start[1], written, numbers + count, RAW_SIGNS);
-        if (!status && !add_up(numbers + count, written, p->order, -K_MOST, K_MOST)) status = BAD_MODEL;
+        if (!status && !add_up(numbers + count, written, p->order, -K_MOST, K_MOST))
+            status = BAD_COEFFICIENT;
     }
     if (!status) status = check_end(&d);
     *taken = front_taken(&d);
