@@ -131,7 +131,7 @@ class TestNoise:
 
 
 def test_gains():
-    assert ROOTS == tuple(round(4096 * 2 ** (i / 4)) for i in range(4))
+    assert tuple(round(4096 * 2 ** (i / 4)) for i in range(4)) == ROOTS
     decibels = [20 * np.log10(gain_of(q) / gain_of(1)) for q in range(1, 113)]
     assert np.abs(decibels - 6.0206 / 4 * np.arange(112)).max() < 0.01
 

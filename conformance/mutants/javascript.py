@@ -154,4 +154,14 @@ MUTANTS = (
         Edit("digest.js", "this.spans.forEach(([start, stop], i)", "[].forEach(([start, stop], i)"),
         role="verifier",
     ),
+    javascript(
+        "noise-products-rounded",
+        "The products of the noise are those of doubles, not of 32 bits.",
+        "CNV-001",
+        Edit(
+            "nois.js",
+            "w = Math.imul(w ^ (w >>> 16), 2246822507);",
+            "w = ((w ^ (w >>> 16)) * 2246822507) | 0;",
+        ),
+    ),
 )

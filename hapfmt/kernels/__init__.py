@@ -3,9 +3,9 @@
 The twins run if the environment has ``HAPFMT_PURE=1``, or if a C source is newer than the build.
 This module declares the types of the C functions. Each .c file has the functions of one codec or
 search, and names its twin. Those of codecs/ are lpcr, knots, knots_coded, huffman (QUAN), exact
-(LPCX), noise (NOIS) and levels (grids). Those of encoder/ are select, tube, sweep, links, quick and vectors.
-Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the one before.
-lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
+(LPCX), noise (NOIS) and levels (grids). Those of encoder/ are select, tube, sweep, links, quick and
+vectors. Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the one
+before. lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
 """
 
 from __future__ import annotations

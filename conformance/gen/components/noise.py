@@ -83,8 +83,8 @@ def lattice() -> Component:
         "lattice",
         "9.10",
         ("CNV-001",),
-        "The filter with coefficients `k`, from a state of zeros: counts for excitations `e`, and g "
-        "behind each of the first four ticks and the last.",
+        "The filter with coefficients `k`, from a state of zeros: counts for excitations `e`, and "
+        "g behind each of the first four ticks and the last.",
         cases,
     )
 

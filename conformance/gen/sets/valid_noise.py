@@ -77,7 +77,7 @@ def gains() -> Iterator[Case]:
         "nois-pulses", "Pulses at some of the ticks, by the lowest byte of the noise.",
         ["CNV-001"],
         track(*(
-            packet(e([70] * 8, [], 8, density=density), span=64, start=64 * i)
+            packet(e([70] * 64, [], 8, density=density), span=512, start=512 * i)
             for i, density in enumerate((1, 2, 128, 255))
         )),
     )  # fmt: skip
@@ -109,6 +109,12 @@ def filters() -> Iterator[Case]:
         "nois-sine-table", "A block for each coefficient from -127 to 127.", ["CNV-001"],
         one(e([56] * (8 * 254), every, 8), 64 * 254),
     )  # fmt: skip
+    yield valid(
+        "nois-ties",
+        "K(54) is a multiple of 64: one product of 512 is halfway between two integers.",
+        ["CNV-001"],
+        one(e([60] * 256, [[54, -54, 54]] * 32, 8), 2048),
+    )
     yield valid(
         "nois-small", "Counts of -1, 0 and 1: what is rounded are 64ths.", ["CNV-001"],
         one(e([25, 27, 29, 31], [[110, -70]], 8), 32),
