@@ -84,7 +84,7 @@ _PLACES = {
 _PACKAGES = {
     "edit": "edit",
     "errors": "errors",
-    "metrics": "lab.metrics",
+    "metrics": "metrics",
     "scenes": "lab.scenes",
 }
 

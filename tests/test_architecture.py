@@ -20,8 +20,8 @@ MODULES = {
 }
 LAYERS = (
     "kernels",
-    """clocks datasets deadband descriptions errors files limits numbers recording threads times
-    units version""",
+    """clocks datasets deadband descriptions errors files limits metrics numbers recording split
+    threads times units version""",
     "format",
     "codecs",
     "reading",

@@ -14,10 +14,12 @@ import pytest
 from spec import ROOT
 
 import hapfmt
+from hapfmt import metrics
 from hapfmt.cli import cli, plot
 from hapfmt.cli.common import open_parts
 from hapfmt.errors import MissingExtraError, ParameterError
 from hapfmt.lab.compare import compare, pair_up
+from hapfmt.lab.parts import RecordingParts
 from hapfmt.lab.plotting import figures as drawing
 from hapfmt.lab.plotting import pages as layout
 from hapfmt.lab.plotting import panels
@@ -409,6 +411,12 @@ def test_memory_that_may_be_taken_is_bounded(room):
     assert Limits.of_memory("1k").memory == 1024
 
 
+def compared(a, b, **given):
+    parts = [RecordingParts(Recording((each,))) for each in (a, b)]
+    ((found,), _) = compare(*parts, pair_up(*parts), **given)
+    return found
+
+
 class TestCompare:
     def told(self, capsys, *words):
         code = run("compare", *words, "--json")
@@ -430,6 +438,73 @@ class TestCompare:
         assert self.told(capsys, *pair, "--tolerance", row["largest"] / 2)[0] == 3
         assert run("compare", *pair, "--tolerance", "5%") == 0
         assert "1 within tolerance" in capsys.readouterr().out
+
+    def test_perceptual_measures(self, room, capsys):
+        """Those of hapfmt.metrics; the deadband is that of preset perceptual, 0.2 % of the range."""
+        pytest.importorskip("vibromaf.metrics.spqi")
+        pair = room / "a.npz", room / "a.hapf"
+        assert "metrics" not in self.told(capsys, *pair)[1]["channels"][0]
+        code, told = self.told(capsys, *pair, "--metrics")
+        (row,) = told["channels"]
+        f, y = (hapfmt.read(path)[0].samples() for path in pair)
+        rate, floor = 1000.0, 0.002 * float(np.ptp(f))
+        assert code == 3 and row["metrics"] == {
+            "seconds": 2.0,
+            "k": 0.1,
+            "floor": pytest.approx(floor),
+            "snr_weighted_db": metrics.snr_weighted_db(f, y, rate, "acceleration"),
+            "largest_deadbands": pytest.approx(metrics.max_in_deadbands(f, y, floor)),
+            "outside_share": pytest.approx(metrics.share_outside(f, y, floor)),
+            "st_sim": metrics.st_sim(f, y, rate),
+            "spqi": metrics.spqi(f, y, rate),
+            "band_energy_error_db": metrics.band_energy_error_db(f, y, rate),
+            "missing": "",
+        }
+        assert run("compare", *pair, "--metrics") == 3
+        said = capsys.readouterr().out
+        assert f"{row['metrics']['st_sim']:.3f}" in said and "of the first 2 s" in said
+
+    def test_measures_of_equal_and_short_channels(self, room, capsys):
+        pytest.importorskip("vibromaf.metrics.spqi")
+        words = [room / "a.npz", room / "a.npz", "--metrics"]
+        (row,) = self.told(capsys, *words)[1]["channels"]
+        found = row["metrics"]
+        assert found["st_sim"] == found["spqi"] == 1 and found["snr_weighted_db"] is None
+        assert found["largest_deadbands"] == found["outside_share"] == 0
+        (row,) = self.told(capsys, room / "a.npz", room / "a.hapf", "--metrics", "--stop", "1")[1][
+            "channels"
+        ]
+        assert row["metrics"]["st_sim"] is row["metrics"]["spqi"] is None
+        assert row["metrics"]["missing"].startswith("ST-SIM and SPQI need at least 1.088 s")
+        run("compare", room / "a.npz", room / "a.hapf", "--metrics", "--stop", "1")
+        assert "note: ST-SIM and SPQI need at least" in capsys.readouterr().err
+
+    def test_measures_of_a_long_recording_take_its_first_minute(self):
+        """Memory stays bounded: a difference behind it changes none of them."""
+        pytest.importorskip("vibromaf.metrics.spqi")
+        x = np.random.default_rng(1).normal(size=7000)
+        y = np.where(np.arange(7000) < 6000, x, 0)
+        found = compared(Channel(x, 100, unit="Pa"), Channel(y, 100, unit="Pa"), measured=True)
+        assert found.differing == 1000 and found.measures is not None
+        assert found.measures.seconds == 60 and found.measures.outside_share == 0
+        assert found.measures.k == 0.1 and found.measures.snr_weighted_db is None
+        moved = compared(Channel(x, 100, unit="m"), Channel(y + 1, 100, unit="m"), measured=True)
+        assert moved.measures.k == 0 and moved.measures.outside_share == 1
+        assert moved.measures.largest_deadbands == pytest.approx(1 / (0.002 * np.ptp(x)))
+
+    def test_nothing_to_measure(self):
+        pytest.importorskip("vibromaf.metrics.spqi")
+        x = np.zeros(2000)
+        x[3] = np.nan
+        assert compared(Channel(x, 1000), Channel(x, 1000), measured=True).measures is None
+        flat = np.full(2000, 1.5)
+        found = compared(Channel(flat, 1000), Channel(flat + 1, 1000), measured=True).measures
+        assert found.largest_deadbands is found.outside_share is None
+
+    def test_a_missing_package_is_named_first(self, room, monkeypatch):
+        monkeypatch.setitem(sys.modules, "vibromaf.metrics.stsim", None)
+        with pytest.raises(MissingExtraError, match=r"pip install 'hapfmt\[metrics\]'"):
+            run("compare", room / "a.npz", room / "a.npz", "--metrics")
 
     def test_damage(self, room, capsys):
         code, told = self.told(capsys, room / "a.hapf", room / "cut.hapf")

@@ -132,6 +132,18 @@ def test_output_fits_the_terminal(name: str, columns: int, room: Path, tmp_path:
         assert word in known, word
 
 
+def test_perceptual_measures_fit_the_terminal(room: Path) -> None:
+    pytest.importorskip("vibromaf.metrics.spqi")
+    done = run_in_terminal("compare", "touch.npz", "a.hapf", "--metrics", cwd=room)
+    text = done.stdout.decode().replace("\r\n", "\n")
+    assert done.returncode == 3
+    assert max(map(screen.cells, text.split("\n"))) <= 80
+    measures = text.split("\n\n", 1)[1]
+    for word in ("weighted", "deadbands", "outside %", "ST-SIM", "SPQI", *LABELS):
+        assert word in measures, word
+    assert "of the first 4 s of the longest stretch" in measures
+
+
 @pytest.mark.parametrize("columns", [80, 100])
 def test_columns_left_out_are_named(columns: int, room: Path) -> None:
     text = run_in_terminal("compare", "touch.npz", "a.hapf", cwd=room, columns=columns).stdout

@@ -18,11 +18,11 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings, Span
 from hapfmt.errors import ParameterError
 from hapfmt.lab.compare import compare, pair_up
-from hapfmt.lab.metrics import band_energy_error_db, snr_hf_db, st_sim
 from hapfmt.lab.parts import RecordingParts
 from hapfmt.lab.study.outputs import RATE_HZ, Scaling, signal
 from hapfmt.lab.study.prepare import low_passed
 from hapfmt.lab.views import Builder, survey
+from hapfmt.metrics import band_energy_error_db, snr_hf_db, st_sim
 from hapfmt.reading.reader import Reader
 from hapfmt.replay.render import Assignment, Renderer, Route
 from hapfmt.replay.render.feed import ChannelResampler
@@ -111,7 +111,7 @@ def low_pass_across_gaps():
     """Low-passes that begin where the last call ended, as if there were no gap between."""
     with pytest.MonkeyPatch.context() as patch:
         for name in ("low_pass", "slow_for_telling"):
-            true = getattr(sys.modules["hapfmt.encoder.split"], name)
+            true = getattr(sys.modules["hapfmt.split"], name)
             held: dict[str, np.ndarray] = {}
 
             def across(x, *given_, true=true, held=held, **more):

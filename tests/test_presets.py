@@ -28,7 +28,7 @@ from hapfmt.encoder.encode import Decision
 from hapfmt.encoder.plan import few_values, is_clock, promise_of, quantity_of
 from hapfmt.encoder.settings import ALIASES, PRESETS, alias_note
 from hapfmt.kernels import compiled
-from hapfmt.lab.metrics import snr_hf_db
+from hapfmt.metrics import snr_hf_db
 from hapfmt.recording import Span
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -304,13 +304,13 @@ class TestPerceptual:
     @pytest.mark.parametrize("snr", [10, 20, 35])
     @pytest.mark.parametrize("make", [doubles, counted])
     def test_texture_has_its_quality(self, make, snr):
-        """The SNR is that of hapfmt.lab.metrics; the slow part keeps the deadband."""
+        """The SNR is that of hapfmt.metrics; the slow part keeps the deadband."""
         channel = make(PUSH + 2 + 0.2 * NOISE, "N")
         decision, back = decided(channel, Settings.of("perceptual", snr=snr, smallest=False))
         assert decision.kept_as == f"deadband 10 %, texture {snr} dB"
         x, y = channel.samples(), back.samples()
         assert snr <= snr_hf_db(x, y, 1000.0) < snr + 1
-        from hapfmt.encoder.split import slow_for_telling
+        from hapfmt.split import slow_for_telling
 
         slow, error = (slow_for_telling(each[:, None], 1000.0)[:, 0] for each in (x, y - x))
         assert (np.abs(error) <= np.maximum(0.1 * np.abs(slow), 0.002 * np.ptp(x)) * 1.01).all()

@@ -17,7 +17,6 @@ from spec import ROOT
 
 import hapfmt
 from hapfmt.encoder.settings import Tolerance
-from hapfmt.encoder.split import low_pass
 from hapfmt.errors import LimitError, ParameterError
 from hapfmt.lab.scenes import Scene, builtin_names, load_scene, motion, simulate
 from hapfmt.lab.scenes.description import (
@@ -31,6 +30,7 @@ from hapfmt.lab.scenes.description import (
     Touches,
 )
 from hapfmt.lab.scenes.linear import exponential
+from hapfmt.split import low_pass
 
 BUILT_IN = builtin_names()
 JOINTS = 22

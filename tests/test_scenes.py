@@ -8,7 +8,6 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from hapfmt.encoder.split import low_pass
 from hapfmt.errors import ParameterError
 from hapfmt.lab.scenes import surface
 from hapfmt.lab.scenes.description import Contact, Press, Tool, Work
@@ -16,6 +15,7 @@ from hapfmt.lab.scenes.motion import StepGrid
 from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.lab.scenes.tool import system_of
 from hapfmt.lab.scenes.touch import FRICTION, Normal
+from hapfmt.split import low_pass
 
 TEXTURES = ["stone", "sand", "cork"]
 

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapfmt import split
 from hapfmt.deadband import Deadband
-from hapfmt.encoder import knots, split
+from hapfmt.encoder import knots
 from hapfmt.encoder.knots import knot_values, select_knots, select_knots_plain
-from hapfmt.encoder.split import CASCADE_RATIO, low_pass
 from hapfmt.errors import ParameterError
+from hapfmt.split import CASCADE_RATIO, low_pass
 
 FILTERS = sorted(CASCADE_RATIO)
 GRAM = Deadband(1, 10, (10,), (0,))

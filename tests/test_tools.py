@@ -134,6 +134,7 @@ def test_the_page_lists_every_program():
     [
         (["scenes.py", "--keys"], "| `travel_s` |"),
         (["load.py", "--seconds", "1", "--channels", "2"], "lossless"),
+        (["texture_rates.py", "--quick"], "simulated sand"),
         (["messages.py", "--quick"], "| wrench and joints, 27 channels |"),
         (["throughput.py", "--quick"], "exact values, recall, readable"),
         pytest.param(["lazy.py", "--seconds", "20"], "by URL", marks=pytest.mark.deep),

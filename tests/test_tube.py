@@ -21,10 +21,10 @@ from hapfmt.codecs.knots import (
 from hapfmt.deadband import Deadband
 from hapfmt.encoder.gridded import levels_of, places
 from hapfmt.encoder.knots import select_knots
-from hapfmt.encoder.split import low_pass
 from hapfmt.encoder.tube import COUNT_BOUND, SPAN_BOUND, fewest_hold, fewest_linear
 from hapfmt.errors import ParameterError
 from hapfmt.limits import LEVELS
+from hapfmt.split import low_pass
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 FEWEST = {"hold": fewest_hold, "linear": fewest_linear}

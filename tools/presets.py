@@ -25,7 +25,7 @@ from measured import DATA, files_in, origin
 
 import hapfmt
 from hapfmt.convert.formats import read_suffixes
-from hapfmt.lab.metrics import snr_hf_db
+from hapfmt.metrics import snr_hf_db
 
 SETTINGS: dict[str, dict[str, Any]] = {
     "lossless": {},

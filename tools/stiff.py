@@ -25,7 +25,6 @@ from measured import print_origin, print_table
 from numpy.typing import NDArray
 
 import hapfmt
-from hapfmt.encoder.split import low_pass
 from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Channel, Recording
@@ -33,6 +32,7 @@ from hapfmt.replay.profile.model import Actuator, FrameBlock, Profile, Timing
 from hapfmt.replay.render import Assignment, Renderer, Route
 from hapfmt.replay.render.feed import DeviceGrid, Shape, kernel
 from hapfmt.replay.schedule import Schedule
+from hapfmt.split import low_pass
 
 Values = NDArray[np.float64]
 WALL_N_PER_M = 1e5

@@ -31,11 +31,11 @@ from hapfmt.deadband import Deadband
 from hapfmt.encoder import predict
 from hapfmt.encoder.knots import select_knots
 from hapfmt.encoder.predict import encode_best
-from hapfmt.encoder.split import low_pass
 from hapfmt.encoder.unit import choose_codebook
 from hapfmt.format.track import Affine
 from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.limits import LEVELS
+from hapfmt.split import low_pass
 
 LEVEL = LEVELS[2]
 RANGE = -(2**31), 2**31 - 1

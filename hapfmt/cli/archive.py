@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,10 +77,39 @@ def archive() -> None:
     """
 
 
+@dataclass(frozen=True)
+class RunChoices:
+    """How a command works on its files."""
+
+    jobs: int | None
+    dask: str | None
+    log: str | None
+    limits: Limits
+    as_json: bool
+
+    def __post_init__(self) -> None:
+        if self.jobs and self.dask:
+            raise ParameterError("Give --jobs or --dask, not both")
+
+
 def run_options(command: Any) -> Any:
+    """Options that the command gets as one RunChoices, ``how``."""
+
+    @wraps(command)
+    def chosen(
+        *args: Any,
+        jobs: int | None,
+        dask: str | None,
+        log: str | None,
+        max_memory: Limits,
+        as_json: bool,
+        **given: Any,
+    ) -> Any:
+        return command(*args, how=RunChoices(jobs, dask, log, max_memory, as_json), **given)
+
     for option in (json_option, memory_option, log_option, dask_option, jobs_option):
-        command = option(command)
-    return command
+        chosen = option(chosen)
+    return chosen
 
 
 @archive.command("encode", cls=Verb, short_help="Encode all recordings into a folder.")
@@ -94,12 +125,8 @@ def encode_all(
     target: str,
     preset: str,
     input_format: str | None,
-    jobs: int | None,
-    dask: str | None,
-    log: str | None,
-    max_memory: Limits,
+    how: RunChoices,
     force: bool,
-    as_json: bool,
     **given: Any,
 ) -> int:
     """Encode every recording of SOURCE into the folder TARGET, under the same names with .hapf.
@@ -129,9 +156,9 @@ def encode_all(
         places = find_places(sources, (lambda _: True) if input_format else is_foreign)
     return write_all(
         lambda place, output, staging: Job(
-            "encode", place, output, staging, options, max_memory, force
+            "encode", place, output, staging, options, how.limits, force
         ),
-        places, sources, target, HAPF, "encoding", jobs, dask, log, as_json,
+        places, sources, target, HAPF, "encoding", how,
     )  # fmt: skip
 
 
@@ -156,12 +183,8 @@ def convert_all(
     target: str,
     output_format: str,
     input_format: str | None,
-    jobs: int | None,
-    dask: str | None,
-    log: str | None,
-    max_memory: Limits,
+    how: RunChoices,
     force: bool,
-    as_json: bool,
     **given: Any,
 ) -> int:
     """Convert every recording of SOURCE to one format, in the folder TARGET.
@@ -195,9 +218,9 @@ def convert_all(
         )
     return write_all(
         lambda place, output, staging: Job(
-            "convert", place, output, staging, options, max_memory, force
+            "convert", place, output, staging, options, how.limits, force
         ),
-        places, sources, target, suffix, "converting", jobs, dask, log, as_json,
+        places, sources, target, suffix, "converting", how,
     )  # fmt: skip
 
 
@@ -209,12 +232,8 @@ def convert_all(
 def recover_all(
     sources: tuple[str, ...],
     target: str,
-    jobs: int | None,
-    dask: str | None,
-    log: str | None,
-    max_memory: Limits,
+    how: RunChoices,
     force: bool,
-    as_json: bool,
 ) -> int:
     """Check every .hapf file, and write what damaged ones still contain into the folder TARGET.
 
@@ -230,9 +249,9 @@ def recover_all(
         places = find_places(sources, is_hapf)
     return write_all(
         lambda place, output, staging: Job(
-            "recover", place, output, staging, {}, max_memory, force
+            "recover", place, output, staging, {}, how.limits, force
         ),
-        places, sources, target, HAPF, "recovering", jobs, dask, log, as_json,
+        places, sources, target, HAPF, "recovering", how,
     )  # fmt: skip
 
 
@@ -243,10 +262,7 @@ def write_all(
     target: str,
     suffix: str,
     title: str,
-    jobs: int | None,
-    dask: str | None,
-    log: str | None,
-    as_json: bool,
+    how: RunChoices,
 ) -> int:
     """Runs the jobs that write a file each."""
     from dataclasses import replace
@@ -263,12 +279,11 @@ def write_all(
     )
     from ..format.source import is_url
 
-    refuse_both(jobs, dask)
     target = local_path(target)
     if is_url(target):
         if target.lower().startswith("http"):
             raise ParameterError("a web server takes no files; give a folder or an s3:// URL")
-        if log is None:
+        if how.log is None:
             raise ParameterError(
                 "a remote target needs --log FILE, a local file that remembers what is done"
             )
@@ -289,19 +304,14 @@ def write_all(
         work.append(job_of(replace(place, error=text), output, staging))
     began = time.perf_counter()
     with (
-        opened_log(Path(log) if log else own) as found,
+        opened_log(Path(how.log) if how.log else own) as found,
         emptied(Path(staging) if staging else None),
         progress(title) as advance,
     ):
         outcomes = run(
-            work, workers=jobs, address=dask, log=found, skip=skip_written, progress=advance
+            work, workers=how.jobs, address=how.dask, log=found, skip=skip_written, progress=advance
         )
-    return report(outcomes, time.perf_counter() - began, as_json)
-
-
-def refuse_both(jobs: int | None, dask: str | None) -> None:
-    if jobs and dask:
-        raise ParameterError("Give --jobs or --dask, not both")
+    return report(outcomes, time.perf_counter() - began, how.as_json)
 
 
 @contextmanager
@@ -376,11 +386,7 @@ def megabytes(size: int) -> str:
 @run_options
 def verify_all(
     sources: tuple[str, ...],
-    jobs: int | None,
-    dask: str | None,
-    log: str | None,
-    max_memory: Limits,
-    as_json: bool,
+    how: RunChoices,
 ) -> int:
     """Check every .hapf file against every rule of the format. Report rot, missing and unknown
     files.
@@ -397,13 +403,12 @@ def verify_all(
     from ..archive.places import find_places, is_hapf, local_path
     from ..archive.runs import run
 
-    refuse_both(jobs, dask)
     work: list[Job] = []
     outcomes: list[FileOutcome] = []
     plain = []
     for source in map(local_path, sources):
         if is_bag(source):
-            found, problems = bag_work(source, max_memory)
+            found, problems = bag_work(source, how.limits)
             work += found
             outcomes += problems
         else:
@@ -412,15 +417,20 @@ def verify_all(
         places = find_places(plain, is_hapf)
     if not work and not outcomes:
         nothing_found(places)
-    work += [Job("verify", place, limits=max_memory) for place in places]
+    work += [Job("verify", place, limits=how.limits) for place in places]
     began = time.perf_counter()
-    with opened_log(Path(log) if log else None) as known, progress("verifying") as advance:
+    with opened_log(Path(how.log) if how.log else None) as known, progress("verifying") as advance:
         outcomes += run(
-            work, workers=jobs, address=dask, log=known, skip=checked_before, progress=advance
+            work,
+            workers=how.jobs,
+            address=how.dask,
+            log=known,
+            skip=checked_before,
+            progress=advance,
         )
         if known:
             known.remove()  # a complete check is not continued by the next one
-    return report(outcomes, time.perf_counter() - began, as_json, quiet=True)
+    return report(outcomes, time.perf_counter() - began, how.as_json, quiet=True)
 
 
 def checked_before(job: Job, done: dict[str, Any]) -> FileOutcome:
@@ -441,12 +451,8 @@ def checked_before(job: Job, done: dict[str, Any]) -> FileOutcome:
 def catalogue_all(
     sources: tuple[str, ...],
     output: str | None,
-    jobs: int | None,
-    dask: str | None,
-    log: str | None,
-    max_memory: Limits,
+    how: RunChoices,
     force: bool,
-    as_json: bool,
 ) -> int:
     """Write a table with one row for each channel of each .hapf file: label, unit, rate, times,
     range, rms, checksum, verdict.
@@ -465,7 +471,6 @@ def catalogue_all(
     )
     from ..archive.places import local_path
 
-    refuse_both(jobs, dask)
     polars()
     folders = [each for each in map(local_path, sources) if Path(each).is_dir()]
     if output is None:
@@ -482,16 +487,16 @@ def catalogue_all(
     if not out.parent.is_dir():
         raise ParameterError(f"{out}: the directory {out.parent} does not exist", path="")
     began = time.perf_counter()
-    outcomes = catalogued_outcomes(sources, out, jobs, dask, log, max_memory, force=force)
+    outcomes = catalogued_outcomes(sources, out, how, force=force)
     rows = sum(len(each.rows) for each in outcomes)
     if not rows:
         note(f"nothing was read, so {out} is not written")
-        return report(outcomes, time.perf_counter() - began, as_json)
+        return report(outcomes, time.perf_counter() - began, how.as_json)
     data = to_parquet(row for each in outcomes for row in each.rows)
     with atomic_write(out, force=True) as stream:
         stream.write(data)
-    code = report(outcomes, time.perf_counter() - began, as_json)
-    if not as_json:
+    code = report(outcomes, time.perf_counter() - began, how.as_json)
+    if not how.as_json:
         say(f"{out}: {counted(rows, 'row')}, {megabytes(len(data))}")
     return code
 
@@ -499,10 +504,7 @@ def catalogue_all(
 def catalogued_outcomes(
     sources: Sequence[str],
     out: Path,
-    jobs: int | None,
-    dask: str | None,
-    log: str | None,
-    limits: Limits,
+    how: RunChoices,
     *,
     force: bool,
 ) -> list[FileOutcome]:
@@ -514,14 +516,14 @@ def catalogued_outcomes(
     known = {} if force else known_rows(out)
     with progress("looking for files"):
         places = nothing_found(find_places(sources, is_hapf))
-    work = catalogue_jobs(places, out, limits)
+    work = catalogue_jobs(places, out, how.limits)
     old = catalogued(work, known)
     fresh = [job for place, job in enumerate(work) if place not in old]
-    path = Path(log) if log else out.parent / FOLDER / f"{out.name}.jsonl"
+    path = Path(how.log) if how.log else out.parent / FOLDER / f"{out.name}.jsonl"
     with opened_log(path) as unfinished, progress("reading") as advance:
         found = iter(
             run(
-                fresh, workers=jobs, address=dask, log=unfinished, skip=checked_before,
+                fresh, workers=how.jobs, address=how.dask, log=unfinished, skip=checked_before,
                 progress=advance,
             )
         )  # fmt: skip
@@ -552,12 +554,8 @@ def bag_folder(
     license_: str,
     authors: tuple[str, ...],
     info: tuple[str, ...],
-    jobs: int | None,
-    dask: str | None,
-    log: str | None,
-    max_memory: Limits,
+    how: RunChoices,
     force: bool,
-    as_json: bool,
 ) -> int:
     """Make FOLDER a BagIt bag (RFC 8493). Its files move to FOLDER/data and get checksums.
 
@@ -583,7 +581,6 @@ def bag_folder(
     from ..archive.places import local_path
     from ..archive.runs import FOLDER, emptied
 
-    refuse_both(jobs, dask)
     pairs = []
     for each in info:
         name, equals, value = each.partition("=")
@@ -604,14 +601,12 @@ def bag_folder(
     unpack_unfinished(root)
     began = time.perf_counter()
     if problems := unbaggable(root):
-        return report(problems, time.perf_counter() - began, as_json)
+        return report(problems, time.perf_counter() - began, how.as_json)
     if (root / CRATE).exists() and not is_ours(root / CRATE):
         raise ParameterError(f"{root / CRATE} exists already, and hapfmt did not write it")
-    outcomes = catalogued_outcomes(
-        [str(root)], root / NAME, jobs, dask, log, max_memory, force=False
-    )
+    outcomes = catalogued_outcomes([str(root)], root / NAME, how, force=False)
     if not force and any(each.exit_code for each in outcomes):
-        code = report(outcomes, time.perf_counter() - began, as_json)
+        code = report(outcomes, time.perf_counter() - began, how.as_json)
         note("nothing was bagged: recover or remove these files, or give --force")
         return code
     rows = [row for each in outcomes for row in each.rows]
@@ -621,8 +616,8 @@ def bag_folder(
         with atomic_write(root / name, force=True) as stream:
             stream.write(data)
     with progress("computing checksums"):
-        made = write_bag(root, about, jobs or 1)
-    if as_json:
+        made = write_bag(root, about, how.jobs or 1)
+    if how.as_json:
         echo_json({"bag": str(root), "file_count": len(outcomes), "exit_code": 0, **made})
     else:
         say(

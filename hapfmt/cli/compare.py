@@ -55,6 +55,12 @@ DIFFERENT = 3
     metavar="AMOUNT",
     help="What counts as equal: 1e-3 in the unit, 0.5lsb, or 0.1% of the range of A. [nothing]",
 )
+@click.option(
+    "--metrics",
+    "measured",
+    is_flag=True,
+    help="Print perceptual measures too: weighted SNR, deadbands, ST-SIM, SPQI, band energies.",
+)
 @click.option("--plot", "picture", metavar="PICTURE", help="Draw both: .png .svg .pdf.")
 @input_format_option
 @import_options
@@ -68,6 +74,7 @@ def compare(
     start: Fraction | None,
     stop: Fraction | None,
     tolerance: Tolerance | None,
+    measured: bool,
     picture: str | None,
     input_format: str | None,
     max_memory: Limits,
@@ -85,6 +92,7 @@ def compare(
     \b
     hapfmt compare original.npz touch.hapf
     hapfmt compare a.hapf b.hapf --tolerance 0.5lsb --plot both.png
+    hapfmt compare original.npz touch.hapf --metrics
     """
     from ..files import refuse
     from ..lab.compare import compare as compare_recordings
@@ -108,7 +116,8 @@ def compare(
             with progress("comparing") as advance:
                 found, views = compare_recordings(
                     one, two, pair_up(one, two), start, stop,
-                    tolerance=tolerance, views=picture is not None, progress=advance,
+                    tolerance=tolerance, views=picture is not None, measured=measured,
+                    progress=advance,
                 )  # fmt: skip
             code = max(finish(one, start, stop), finish(two, start, stop))
             footnotes = [
@@ -129,6 +138,8 @@ def compare(
         echo_json({**names, "identical": same, "channels": [row.as_json() for row in found]})
     else:
         show(a, b, found)
+        if measured:
+            show_measures(found)
     return code
 
 
@@ -196,3 +207,42 @@ def show(a: str, b: str, found: Sequence[Comparison]) -> None:
     parts = [(same, "identical"), (near, "within tolerance"), (different, "different")]
     said = ", ".join(f"{count} {word}" for count, word in parts if count) or "no channels"
     say(f"{a} and {b}: {said}")
+
+
+def show_measures(found: Sequence[Comparison]) -> None:
+    """A table of its own: perceptual measures of the channels that have some."""
+    rows, missing, longest = [], dict[str, None](), 0.0
+    for row in found:
+        each = row.measures
+        if each is None:
+            continue
+        rows.append(
+            [
+                row.label or f"channel {row.number}",
+                shown(each.snr_weighted_db, ".1f"),
+                shown(each.largest_deadbands, ".3g"),
+                shown(None if each.outside_share is None else 100 * each.outside_share, ".3g"),
+                shown(each.st_sim, ".3f"),
+                shown(each.spqi, ".3f"),
+                shown(each.band_energy_error_db, ".2f"),
+            ]
+        )
+        longest = max(longest, each.seconds)
+        if each.missing:
+            missing[each.missing] = None
+    if not rows:
+        note("No channel has samples to measure")
+        return
+    say()
+    headers = [
+        Column("label"), Column("weighted SNR dB", 4), Column("largest, deadbands", 2),
+        Column("outside %", 3), Column("ST-SIM"), Column("SPQI"), Column("band error dB", 1),
+    ]  # fmt: skip
+    table(headers, rows)
+    say(f"of the first {longest:.3g} s of the longest stretch without a gap")
+    for reason in missing:
+        note(reason)
+
+
+def shown(x: float | None, form: str) -> str:
+    return "-" if x is None else format(x, form)

@@ -141,7 +141,7 @@ def demo(
 def run(recording: Recording, name: str, options: dict[str, Any]) -> Outcome:
     """Encode with one of PRESETS, decode, compare."""
     from ..encoder.settings import Settings
-    from ..lab.metrics import max_error, rmse, snr_hf_db
+    from ..metrics import max_error, rmse, snr_hf_db
     from ..reading.reader import Reader
     from ..reading.verifier import verify
     from ..writing.writer import write

@@ -24,6 +24,7 @@ from ..codecs.knots import INTERPOLATIONS, Interpolation
 from ..errors import ParameterError, similar
 from ..numbers import exact
 from ..recording import Calibration, Recording
+from ..split import LF_CUTOFF_HZ
 from ..units import conversion, to_ucum
 
 # ASCII digits only: \d would take every digit of Unicode. Four digits of exponent are more than
@@ -118,12 +119,6 @@ compression", VECIMS 2011, https://doi.org/10.1109/VECIMS.2011.6053837."""
 FORCE_FLOOR_N = Fraction(1, 100)
 """Absolute threshold of the force deadband in newtons: below what people feel, which is tens of
 millinewtons. Measured on a force that decays to zero: 25 knots instead of 4667."""
-
-LF_CUTOFF_HZ = 20.0
-"""Where the quasi-static force ends and texture begins: the split of Brandi et al. 2011 (above).
-
-The rate of an encoded texture is flat within 5 % for cutoffs of 10-30 Hz (measured), so the value
-is not critical."""
 
 TEXTURE_DB = 20.0
 """Quality of a texture: the power above the split frequency over the power of the error. On

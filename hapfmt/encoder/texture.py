@@ -1,6 +1,6 @@
 """Channels whose texture is kept to a stated quality, and whose slow part keeps the deadband.
 
-The quality in dB is a ratio (:func:`hapfmt.lab.metrics.snr_hf_db`). It divides the variance of the
+The quality in dB is a ratio (:func:`hapfmt.metrics.snr_hf_db`). It divides the variance of the
 recorded signal above the split frequency by the mean squared error of all that is decoded. Two ways
 are tried: the whole signal predicted on one uniform grid, and lines for the slow part with the rest
 predicted.
@@ -28,6 +28,7 @@ from ..format.track import Component, Contract, Track
 from ..limits import EXACT_LIMIT, ZERO_LIMIT
 from ..numbers import clamp
 from ..recording import Calibration, Channel
+from ..split import PADDING_PERIODS, slow_for_telling
 from .bounded import code_grid, code_lines, encode_bounded, encode_lossless
 from .gridded import nearest_uniform
 from .knots import Coded
@@ -35,7 +36,6 @@ from .lattice import on_uniform_grid
 from .plan import Promise, without_glitches
 from .predict import encode_best
 from .source import InputBlock, declared_range
-from .split import PADDING_PERIODS, slow_for_telling
 from .unit import (
     ENCODE_LEVEL,
     STEP_LIMIT,

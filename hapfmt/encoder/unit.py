@@ -39,11 +39,11 @@ from ..limits import EXACT_LIMIT, FRACTION_LIMIT, LEVELS, ZERO_LIMIT
 from ..numbers import clamp
 from ..reading.decoder import TrackDecoder
 from ..recording import Calibration, Channel
+from ..split import low_pass
 from .knots import Coded, Packing, knot_values, plain_knots, select_knots, smaller_knots
 from .plan import Promise
 from .settings import PAPER_BITS, Settings, counts_of, whole_counts
 from .source import InputBlock, declared_range, held_range, make_track
-from .split import low_pass
 
 NONE = np.zeros(0, np.int64)
 WIDE = 4

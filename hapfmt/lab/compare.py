@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
-from math import hypot, inf, isfinite, log10, sqrt
+from math import ceil, hypot, inf, isfinite, log10, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..encoder.plan import quantity_of
+from ..encoder.settings import FORCE_WEBER, RANGE_FLOOR, WEBER_LIMITS
 from ..errors import ParameterError
+from ..metrics import (
+    Quantity,
+    band_energy_error_db,
+    max_in_deadbands,
+    require_package,
+    rmse,
+    share_outside,
+    snr_hf_db,
+    snr_weighted_db,
+    spqi,
+    st_sim,
+)
 from ..reading.decoder import intersect
 from ..recording import Calibration, Channel
-from .metrics import rmse, snr_hf_db
 from .parts import Described, FileParts, Parts
 from .views import Builder, ChannelView, empty_view
 
@@ -24,6 +37,19 @@ if TYPE_CHECKING:
 SNR_SAMPLES = 1 << 22
 """The SNR of the texture uses the longest common runs, up to this number of samples of all channels
 together."""
+
+MEASURED_S = 60
+"""Perceptual measures use at most this many seconds of that run: 0.3 s of work and 60 MB a channel.
+"""
+
+MOVES: dict[str, Quantity] = {
+    "position": "displacement",
+    "velocity": "velocity",
+    "acceleration": "acceleration",
+    "force": "acceleration",
+    "torque": "acceleration",
+}
+"""Quantities for which the threshold of vibration is known. A force accelerates what is held."""
 
 
 @dataclass
@@ -64,12 +90,74 @@ class Spread:
         return self.high - self.low if self.count else 0.0
 
 
+@dataclass(frozen=True)
+class Measures:
+    """Perceptual measures of one channel (hapfmt.metrics), None where one is not defined.
+
+    They use the first ``seconds`` of the longest run without a gap. ``k`` and ``floor``, in the
+    unit, are the deadband that preset perceptual gives such a channel by default. It decides
+    ``largest_deadbands`` and ``outside_share``. ``missing``: why ST-SIM and SPQI are not defined.
+    """
+
+    seconds: float
+    k: float
+    floor: float
+    snr_weighted_db: float | None = None
+    largest_deadbands: float | None = None
+    outside_share: float | None = None
+    st_sim: float | None = None
+    spqi: float | None = None
+    band_energy_error_db: float | None = None
+    missing: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        f: NDArray[np.float64],
+        y: NDArray[np.float64],
+        rate: Fraction,
+        quantity: str,
+        extent: float,
+    ) -> Measures:
+        """f, y: a run of A and of B, finite. extent: range of A."""
+        hz = float(rate)
+        rows = slice(0, max(ceil(MEASURED_S * rate), 1))
+        f, y = f[rows], y[rows]
+        limit = WEBER_LIMITS.get(quantity) or FORCE_WEBER
+        k = float(min(FORCE_WEBER, limit)) if quantity in WEBER_LIMITS else 0.0
+        floor = RANGE_FLOOR.value * extent
+        moves = MOVES.get(quantity)
+        weighted = snr_weighted_db(f, y, hz, moves) if moves else None
+        in_deadbands = 0 < floor < inf
+        similar, index, missing = None, None, ""
+        try:
+            similar, index = st_sim(f, y, rate), spqi(f, y, rate)
+        except ParameterError as error:
+            missing = str(error).replace("ST-SIM", "ST-SIM and SPQI").replace("needs", "need")
+        return cls(
+            f.size / hz,
+            k,
+            floor,
+            finite(weighted),
+            finite(max_in_deadbands(f, y, floor, k)) if in_deadbands else None,
+            share_outside(f, y, floor, k) if in_deadbands else None,
+            similar,
+            index,
+            band_energy_error_db(f, y, hz),
+            missing,
+        )
+
+
+def finite(x: float | None) -> float | None:
+    return x if x is not None and isfinite(x) else None
+
+
 @dataclass
 class Comparison:
     """One channel of both recordings. Samples: in both, ``only_a``, ``only_b``; ``largest`` and
     ``rms`` of the difference b - a, in the unit, ``largest_counts`` in steps of the
     sensor where one is known; ``at_s``: where the largest is; SNR: of a over the difference;
-    ``snr_hf_db``: of its texture above 20 Hz (hapfmt.lab.metrics), over the longest run.
+    ``snr_hf_db``: of its texture above 20 Hz (hapfmt.metrics), over the longest run.
     ``reason``: why there is nothing to compare."""
 
     number: int
@@ -91,6 +179,7 @@ class Comparison:
     """Rounding error of the difference of two such floating-point values."""
     reason: str = ""
     notes: tuple[str, ...] = ()
+    measures: Measures | None = None
 
     @property
     def identical(self) -> bool:
@@ -114,6 +203,9 @@ class Comparison:
         return "differs"
 
     def as_json(self) -> dict[str, Any]:
+        """``metrics`` only where perceptual measures were asked for."""
+        measures = self.measures
+        more = {} if measures is None else {"metrics": asdict(measures)}
         return {
             "channel": self.number,
             "label": self.label,
@@ -134,14 +226,18 @@ class Comparison:
             "within": self.within,
             "verdict": self.verdict,
             "notes": list(self.notes),
+            **more,
         }
 
 
 class ChannelPair:
     """Compares one channel of both recordings, part by part."""
 
-    def __init__(self, a: Described, b: Described, view: ChannelView | None, room: int) -> None:
-        self.a, self.b, self.room = a, b, room
+    def __init__(
+        self, a: Described, b: Described, view: ChannelView | None, room: int, measured: bool
+    ) -> None:
+        self.a, self.b, self.room, self.measured = a, b, room, measured
+        self.quantity = ""
         self.found = Comparison(a.number, a.name, a.unit, b.name)
         if a.label != b.label:
             self.found.notes += (f"compared with {b.name} of B, which has the same place",)
@@ -160,6 +256,7 @@ class ChannelPair:
             self.builder.add_pair(b, a)
         x, y = a.samples(), b.samples()
         self.signal.add(x)
+        self.quantity = quantity_of(a)
         found = self.found
         found.only_a += x.size
         found.only_b += y.size
@@ -221,11 +318,13 @@ class ChannelPair:
         found = self.found
         if found.samples and 0 < found.rms < inf and self.signal.deviation > 0:
             found.snr_db = 20 * (log10(self.signal.deviation) - log10(found.rms))
-        if found.differing and self.best[0]:
+        if self.best[0] and (found.differing or self.measured):
             f, y = (np.concatenate(rows) for rows in zip(*self.best[1], strict=True))
             if np.isfinite(f).all() and np.isfinite(y).all():
-                ratio = snr_hf_db(f, y, float(self.a.rate))
-                found.snr_hf_db = ratio if isfinite(ratio) else None
+                found.snr_hf_db = finite(snr_hf_db(f, y, float(self.a.rate)))
+                if self.measured:
+                    extent = self.signal.extent
+                    found.measures = Measures.of(f, y, self.a.rate, self.quantity, extent)
         step = self.a.lsb or self.b.lsb
         if found.largest_counts is None and step and found.samples:
             found.largest_counts = found.largest / step
@@ -249,10 +348,14 @@ def compare(
     *,
     tolerance: Tolerance | None = None,
     views: bool = False,
+    measured: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[list[Comparison], list[ChannelView]]:
     """Each pair of places of channels, within the seconds [start, stop) (None: all that either
-    has); with ``views``, those of B against A too, of the channels that can be compared."""
+    has); with ``views``, those of B against A too, of the channels that can be compared.
+    ``measured``: perceptual measures too, which need the extra "metrics"."""
+    if measured:
+        require_package()
     for parts in (a, b):
         if isinstance(parts, FileParts):
             parts.find_lost()
@@ -278,7 +381,7 @@ def compare(
             # Drawn as B: its step, its contract.
             view = empty_view(replace(other, number=mine.number), first, last)
             drawn.append(view)
-        pair = ChannelPair(mine, other, view, max(SNR_SAMPLES // len(pairs), 1 << 12))
+        pair = ChannelPair(mine, other, view, max(SNR_SAMPLES // len(pairs), 1 << 12), measured)
         rows.append(pair)
         at.append((i, j, pair))
     edges = a.edges(first, last) if first < last else []

@@ -26,19 +26,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapfmt.encoder.split import low_pass
-from hapfmt.lab.metrics import BAND_BLOCK_S, SPLIT_HZ
 from hapfmt.lab.scenes import Tool
-
-FLAT_TO_HZ, LEAST_FROM_HZ, LEAST_TO_HZ = 40.0, 250.0, 300.0
-THRESHOLD_M = 0.1e-6
-"""Amplitude of the weakest sine that is felt at 250 Hz, to the order of magnitude: the curves for
-large contactors have their minimum at about -20 dB re 1 um. For a cylinder in the grasp
-A. J. Brisben, S. S. Hsiao, K. O. Johnson, "Detection of vibration transmitted through an object
-grasped in the hand", J. Neurophysiology 81, 1999, found less than 0.01 um in some subjects:
-GRASPED_DB. Both are shown."""
+from hapfmt.metrics import BAND_BLOCK_S, SPLIT_HZ, vibrotactile_threshold
+from hapfmt.split import low_pass
 
 GRASPED_DB = 20.0
+"""The threshold is known to an order of magnitude. For a cylinder in the grasp A. J. Brisben, S. S.
+Hsiao, K. O. Johnson, "Detection of vibration transmitted through an object grasped in the hand",
+J. Neurophysiology 81, 1999, found less than 0.01 um in some subjects. Both are shown."""
+
 VIBRATION_WEBER = 0.20
 
 
@@ -51,13 +47,6 @@ class Felt(NamedTuple):
     error_db: float
     share: float
     share_grasped: float
-
-
-def threshold_m(hz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Amplitude of displacement that is just felt, in metres."""
-    below = (LEAST_FROM_HZ / np.clip(hz, FLAT_TO_HZ, LEAST_FROM_HZ)) ** 2
-    above = (np.maximum(hz, LEAST_TO_HZ) / LEAST_TO_HZ) ** 2
-    return np.asarray(THRESHOLD_M * below * above)
 
 
 def displacement_m_per_n(hz: NDArray[np.float64], tool: Tool) -> NDArray[np.float64]:
@@ -78,7 +67,7 @@ def weighted_power(x: NDArray[np.float64], rate_hz: float, tool: Tool) -> NDArra
     window = np.hanning(size + 1)[:size]
     spectrum = np.abs(np.fft.rfft(blocks * window, axis=1)) ** 2
     hz = np.fft.rfftfreq(size, 1 / rate_hz)
-    weight = displacement_m_per_n(hz, tool) / threshold_m(hz)
+    weight = displacement_m_per_n(hz, tool) / vibrotactile_threshold(hz)
     weight[hz < SPLIT_HZ] = 0
     # A sine of amplitude a has the power a^2 / 2; at threshold that shall be 1.
     power = 2 * spectrum / (size * np.sum(window**2))

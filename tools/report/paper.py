@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 import hapfmt
 from hapfmt.encoder.settings import Tolerance
-from hapfmt.lab.metrics import st_sim
 from hapfmt.lab.scenes import load_scene, simulate
+from hapfmt.metrics import st_sim
 from report.felt import GRASPED_DB
 from report.paper_figures import PERCENT, fig4, most_textured, picture2
 from report.rated import Rated, least_unfelt, picture5, rate, ratings, similarity_of

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapfmt.encoder.split import low_pass
+from hapfmt.split import low_pass
 from report.ratio import Point, Source, measure, settings
 from report.section import COLOURS, INK, PALE, Figure, drawn
 from report.variants import parts_of

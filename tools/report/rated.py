@@ -7,8 +7,8 @@ from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import hapfmt
-from hapfmt.lab.metrics import st_sim
 from hapfmt.lab.scenes import builtin_names, load_scene
+from hapfmt.metrics import st_sim
 from report.felt import GRASPED_DB, Felt, felt
 from report.paper_figures import PERCENT, Curve, fig5, most_textured
 from report.ratio import BITS, Source, measure, settings

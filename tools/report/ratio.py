@@ -17,8 +17,8 @@ import numpy as np
 
 import hapfmt
 from hapfmt.encoder.settings import Tolerance
-from hapfmt.lab.metrics import snr_hf_db
 from hapfmt.lab.scenes import load_scene, simulate
+from hapfmt.metrics import snr_hf_db
 
 WEBER = (1, 2, 5, 10, 15, 20, 30, 40, 50)
 BITS = (0, 2, 5, 8)

@@ -17,7 +17,7 @@ from peers.zipped import coded_size
 
 import hapfmt
 from hapfmt.encoder.settings import Tolerance
-from hapfmt.lab.metrics import band_energy_error_db, max_error, rmse, snr_hf_db, st_sim
+from hapfmt.metrics import band_energy_error_db, max_error, rmse, snr_hf_db, st_sim
 from report.section import Spread, timed
 from report.subjects import Subject
 

@@ -14,11 +14,11 @@ import hapfmt
 from hapfmt.codecs.knots import parse_knots
 from hapfmt.codecs.quantised import QuanParameters
 from hapfmt.encoder.settings import Tolerance
-from hapfmt.encoder.split import low_pass
-from hapfmt.lab.metrics import snr_hf_db
 from hapfmt.lab.scenes import load_scene, simulate
 from hapfmt.limits import LEVELS
+from hapfmt.metrics import snr_hf_db
 from hapfmt.reading.reader import Reader
+from hapfmt.split import low_pass
 from report.ratio import SAMPLE_SIZE, Source, measure, settings
 
 HEADERS = (

@@ -14,9 +14,9 @@ import hapfmt
 from hapfmt import Calibration, Channel, Span
 from hapfmt.codecs.quantised import quantise
 from hapfmt.encoder.predict import ORDER_LIMIT, autocorrelations, levinson
-from hapfmt.encoder.split import low_pass
 from hapfmt.encoder.unit import choose_codebook
 from hapfmt.numbers import rdiv
+from hapfmt.split import low_pass
 
 from .filters import butterworth
 from .row import Row, at_least, at_most, compared, exactly

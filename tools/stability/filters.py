@@ -8,7 +8,7 @@ import numpy as np
 from scipy import signal
 
 from hapfmt import Channel
-from hapfmt.encoder.split import CASCADE_RATIO, low_pass
+from hapfmt.split import CASCADE_RATIO, low_pass
 
 from .row import Row, at_least, at_most, compared, exactly
 from .signals import RATE, Samples, back, contact, counts, force, same_bits, texture

@@ -17,7 +17,7 @@ from hapfmt.deadband import Deadband
 from hapfmt.encoder.knots import select_knots
 from hapfmt.encoder.lattice import Tolerance, to_counts
 from hapfmt.errors import ParameterError
-from hapfmt.lab.metrics import ST_SIM_EXPONENT, st_sim
+from hapfmt.metrics import ST_SIM_EXPONENT, st_sim
 
 from .row import Row, at_least, at_most, compared, exactly
 from .signals import MILLI, RATE, Samples, counts, generator, texture

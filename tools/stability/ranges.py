@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapfmt.encoder.plan import without_glitches
-from hapfmt.encoder.split import low_pass
+from hapfmt.split import low_pass
 
 from .filters import butterworth
 from .row import Row, at_least, at_most, compared

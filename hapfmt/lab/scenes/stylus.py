@@ -67,7 +67,7 @@ def simulate(
     same counts on one machine and one version of NumPy.
 
     Measured over 4 s at 1 kHz, seeds 1-10. The mean covers the whole recording. HF is the part
-    above 20 Hz, in contact, as :func:`hapfmt.encoder.split.low_pass` splits it:
+    above 20 Hz, in contact, as :func:`hapfmt.split.low_pass` splits it:
 
     ========  =========  ===========  ==========  ===================
     texture   mean       HF rms       peak        HF energy (10-99 %)

@@ -178,7 +178,7 @@ def encode(reference: Recording, condition: Condition, path: Path) -> None:
 
 def low_passed(channel: Channel, cutoff_hz: float) -> Channel:
     """Without delay, each stretch between two gaps by itself; counts stay counts."""
-    from ...encoder.split import low_pass
+    from ...split import low_pass
 
     if not channel.stored.size or 2 * cutoff_hz >= channel.rate_exact:
         return channel
