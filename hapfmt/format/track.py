@@ -114,6 +114,11 @@ class Track:
             return range(0)
         return range(self.first_channel, self.first_channel + len(self.components))
 
+    @property
+    def synthetic(self) -> bool:
+        """Whether the counts come from a model of the texture (SPEC 9.10)."""
+        return self.codec == "NOIS"
+
     def weight(self, span: int, size: int) -> int:
         """Weight of a packet in a cluster, by its ticks and bytes (DAT-009)."""
         return size if self.kind == "events" else span * len(self.components)

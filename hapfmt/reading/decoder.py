@@ -340,7 +340,12 @@ def intersect(a: Sequence[Span], b: Sequence[Span]) -> list[tuple[tuple[int, int
 
 
 def build_channel(
-    decoded: Decoded, index: int, component: Component, *, hf_only: bool = False
+    decoded: Decoded,
+    index: int,
+    component: Component,
+    *,
+    hf_only: bool = False,
+    synthetic: bool = False,
 ) -> Channel:
     """The channel of component ``index``; ``component`` is its description in the base track."""
     counts, exact = decoded.track.number_format == "counts", decoded.doubles.joined()
@@ -360,6 +365,7 @@ def build_channel(
         device=component.device,
         deviation=deviation,
         exact=None if exact is None else np.ascontiguousarray(exact[:, index]),
+        synthetic=synthetic,
     )
 
 
@@ -410,7 +416,10 @@ class Assembly:
         for part in ref.parts:
             own = replace(described, deviation=part.track.components[ref.index].deviation)
             track = self.of_part(part)
-            found.append(build_channel(track, ref.index, own, hf_only=self.band == "hf"))
+            synthetic = part.synthetic if self.band != "lf" else part.track.synthetic
+            found.append(
+                build_channel(track, ref.index, own, hf_only=self.band == "hf", synthetic=synthetic)
+            )
         return found
 
     def of_part(self, part: TrackPair) -> Decoded:
@@ -466,4 +475,5 @@ def join(parts: Sequence[Channel]) -> Channel:
         if deviations
         else None,
         exact=exact,
+        synthetic=any(part.synthetic for part in parts),
     )
