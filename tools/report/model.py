@@ -143,7 +143,7 @@ def picture(found: Sequence[Modelled]) -> Figure:
                         fontweight="bold" if row.chosen else "normal",
                     )  # fmt: skip
             axes.set_title(name, fontsize=8.5)
-            axes.set_ylim(0, max(max(r.error_db for r in rows), rows[0].own_db) * 1.15)
+            axes.set_ylim(0, max(*(r.error_db for r in rows), rows[0].own_db) * 1.15)
             axes.set_xlim(0, max(r.bits_per_s for r in rows) * 1.1)
             axes.tick_params(labelsize=7)
         flat[0].figure.supxlabel("bit/s", fontsize=9)
