@@ -48,6 +48,7 @@ from .screen import JOINED, Column, Verb, note, say, table
 
 if TYPE_CHECKING:
     from ..encoder.encode import Decision
+    from ..encoder.settings import Settings
     from ..limits import Limits
     from ..recording import Recording
     from ..writing.writer import Summary
@@ -80,6 +81,10 @@ def bound_text(contract: Contract | None, component: Component, index: int) -> s
     return f"{100 * contract.kn / contract.kd:.3g}{JOINED}%{vector}, at least {least}{aim}"
 
 
+EXACT_DB = 150.0
+"""Only rounding to double precision is left."""
+NAMED = 3
+"""Channels that a line names."""
 GROUPED = 16
 """Above this number of channels, neighbours that were kept alike share a line."""
 TRIED_TICKS = 1 << 13
@@ -98,6 +103,17 @@ class ChannelRow:
     sample_count: int
     size: int
     largest_error: float
+    snr_db: float | None
+    st_sim: float | None
+
+    @property
+    def texture(self) -> str:
+        """The quality that was reached; of neighbours the lowest."""
+        if self.st_sim is not None:
+            return f"ST-SIM{JOINED}{self.st_sim:.3f}"
+        if self.snr_db is None:
+            return ""
+        return "exact" if self.snr_db > EXACT_DB else f"{self.snr_db:.1f}{JOINED}dB"
 
     def cells(self) -> list[str]:
         error = amount(self.largest_error, self.unit) if self.largest_error else "0"
@@ -107,28 +123,41 @@ class ChannelRow:
             f"{8 * self.size / self.sample_count:.2f}" if self.sample_count else "-",
             str(self.size),
             error,
+            self.texture,
         ]
 
 
 def show(
-    summary: Summary, target: str, seconds: float, recording: Recording, *, verbose: bool
+    summary: Summary,
+    target: str,
+    seconds: float,
+    recording: Recording,
+    settings: Settings,
+    *,
+    verbose: bool,
 ) -> None:
     rows = [row_of(each) for each in summary.decisions]
     if len(rows) > GROUPED and not verbose:
         rows = list(grouped(rows))
     headers = [
-        Column("label"), Column("kept as"), Column("bits/sample"), Column("bytes", 1),
-        Column("largest error"),
+        Column("label"), Column("kept as"), Column("bits/sample"), Column("bytes", 2),
+        Column("largest error", 1), Column("texture"),
     ]  # fmt: skip
-    table(headers, [row.cells() for row in rows])
+    shown = len(headers) - (not any(row.texture for row in rows))
+    table(headers[:shown], [row.cells()[:shown] for row in rows])
     if len(rows) < len(summary.decisions):
         say("(neighbours that were kept alike share a line; -v or --json shows each channel)")
     if verbose:
         for each in summary.decisions:
             axes = f", {each.axis_count} axes" if each.axis_count > 1 else ""
             say(f"{name_of(each)}: {each.chosen}{axes}: {each.reason}; {each.lattice}")
+    for line in missed_targets(summary, recording, settings):
+        say(line)
     took = f", in {seconds:.1f}{JOINED}s" if seconds >= 1 else ""
-    say(f"{target}: {summary.file_size} bytes, {compared(summary)}{took}")
+    rate = ""
+    if settings.bitrate is not None and recording.duration:
+        rate = f", {kbit_per_second(summary, recording.duration):.4g}{JOINED}kbit/s"
+    say(f"{target}: {summary.file_size} bytes{rate}, {compared(summary)}{took}")
     hint = advice(summary, recording)
     if hint:
         say(hint)
@@ -137,8 +166,38 @@ def show(
 def row_of(each: Decision) -> ChannelRow:
     kept_as = each.kept_as or ("lossless" if each.exact else each.chosen)
     return ChannelRow(
-        name_of(each), kept_as, each.unit, each.sample_count, each.size, each.largest_error
+        name_of(each),
+        kept_as,
+        each.unit,
+        each.sample_count,
+        each.size,
+        each.largest_error,
+        each.snr_db,
+        each.st_sim,
     )
+
+
+def missed_targets(summary: Summary, recording: Recording, settings: Settings) -> Iterable[str]:
+    """Which textures have another quality than the one that was asked for, and why."""
+    from ..encoder.settings import CLOSE
+
+    if settings.bitrate is not None and recording.duration:
+        rate = kbit_per_second(summary, recording.duration)
+        if not (1 - CLOSE) * settings.bitrate <= rate <= settings.bitrate:
+            why = "textures have no more to gain"
+            if rate > settings.bitrate:
+                why = "the rest of the file takes as much"
+            yield f"{rate:.4g} kbit/s, not {settings.bitrate:.4g}: {why}"
+        return
+    if not any((settings.quality, settings.snr, settings.st_sim)):
+        return
+    reasons: dict[str, list[str]] = {}
+    for each in summary.decisions:
+        if each.missed:
+            reasons.setdefault(each.missed, []).append(name_of(each))
+    for why, names in reasons.items():
+        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+        yield f"another quality than asked for: {', '.join(names[:NAMED])}{more}: {why}"
 
 
 def name_of(each: Decision) -> str:
@@ -157,7 +216,13 @@ def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
             sample_count=sum(row.sample_count for row in members),
             size=sum(row.size for row in members),
             largest_error=max(row.largest_error for row in members),
+            snr_db=least(row.snr_db for row in members),
+            st_sim=least(row.st_sim for row in members),
         )
+
+
+def least(values: Iterable[float | None]) -> float | None:
+    return min((value for value in values if value is not None), default=None)
 
 
 def compared(summary: Summary) -> str:
@@ -217,8 +282,8 @@ _PRESET_OPTIONS = (
         help="lossless: every bit as it was recorded. "
         "near-lossless: no sample is further off than --max-error. "
         "perceptual: leaves out what cannot be felt. Forces, torques, pressures, accelerations and "
-        "velocities keep Weber's deadband in the slow part, and their texture to --snr; all other "
-        "channels are near-lossless; clocks, counters and states are lossless. "
+        "velocities keep Weber's deadband in the slow part, and their texture to --quality; all "
+        "other channels are near-lossless; clocks, counters and states are lossless. "
         "paper: the method of Brandi, Chaudhari and Steinbach. Their online deadband of the whole "
         "signal is: --bits 0 --interpolation hold, with a --cutoff above half the rate.",
     ),
@@ -262,11 +327,31 @@ _PRESET_OPTIONS = (
         help="perceptual: keep the deadband alone.",
     ),
     click.option(
+        "--quality",
+        type=click.Choice(["low", "medium", "high"]),
+        help="perceptual: quality of the texture: 10, 20 or 30 dB; for low and medium, errors "
+        "below --floor are enough [medium].",
+    ),
+    click.option(
         "--snr",
         type=float,
         metavar="DB",
-        help="perceptual: quality of the texture, its power over that of the error [20, or errors "
-        "below --floor].",
+        help="perceptual, in place of --quality: power of each texture over that of the error, "
+        "also where errors are below --floor.",
+    ),
+    click.option(
+        "--st-sim",
+        type=float,
+        metavar="X",
+        help="perceptual, in place of --quality: spectral-temporal similarity of each texture, "
+        "such as 0.95.",
+    ),
+    click.option(
+        "--bitrate",
+        type=float,
+        metavar="KBPS",
+        help="perceptual, in place of --quality: kbit/s of the whole file; all textures get the "
+        "same signal-to-noise ratio.",
     ),
     click.option(
         "--bits",
@@ -426,7 +511,7 @@ def encode(
     if as_json and target != "-":
         echo_json(summary_json(summary, duration, seconds))
     elif target != "-":
-        show(summary, target, seconds, recording, verbose=verbose)
+        show(summary, target, seconds, recording, settings, verbose=verbose)
     return code
 
 
@@ -454,12 +539,18 @@ def with_vector(recording: Recording, names: list[str], group: str) -> Recording
     return replace(recording, channels=tuple(channels))
 
 
+def kbit_per_second(summary: Summary, duration: Fraction) -> float:
+    """The rate of the whole file."""
+    return float(8 * summary.file_size / duration / 1000)
+
+
 def summary_json(summary: Summary, duration: Fraction, seconds: float) -> dict[str, Any]:
     return {
         "file_size": summary.file_size,
         "payload_size": summary.payload_size,
         "sample_count": summary.sample_count,
         "duration_s": float(duration),
+        "kbit_per_s": kbit_per_second(summary, duration) if duration else None,
         "encode_s": seconds,
         "channels": [decision.as_json() for decision in summary.decisions],
     }

@@ -50,7 +50,8 @@ IN_OPTIONS = {
         f"{name} requires ": f"{option} requires "
         for name, option in {
             "max_error": "--max-error", "k": "--k", "floor": "--floor", "felt": "--felt",
-            "texture=False": "--no-texture", "snr": "--snr", "bits": "--bits", "step": "--step",
+            "texture=False": "--no-texture", "quality": "--quality", "snr": "--snr",
+            "st_sim": "--st-sim", "bitrate": "--bitrate", "bits": "--bits", "step": "--step",
             "cutoff_hz": "--cutoff", "interpolation": "--interpolation",
             "tolerance": "--tolerance", "vectors": "--vector",
             "references=False": "--no-references", "fast=True": "--fast",
@@ -58,6 +59,10 @@ IN_OPTIONS = {
     },
     "; use force=True to ": "; use --force to ",
     "requires texture=False": "requires --no-texture",
+    "texture=False leaves": "--no-texture leaves",
+    "give one of quality, snr, st_sim, bitrate": (
+        "give one of --quality, --snr, --st-sim, --bitrate"
+    ),
     "with texture=False and felt='all'": "--no-texture --felt all",
     "with texture=False": "with --no-texture",
     "with references=False": "with --no-references",
@@ -425,8 +430,8 @@ GROUPS = {
         *("--rate", "--labels", "--unit", "--lsb", "--against"),
     ),
     "Quality": (
-        *("--preset", "--max-error", "--k", "--floor", "--felt", "--no-texture", "--snr", "--bits"),
-        *("--step", "--fast"),
+        *("--preset", "--max-error", "--k", "--floor", "--felt", "--no-texture"),
+        *("--quality", "--snr", "--st-sim", "--bitrate", "--bits", "--step", "--fast"),
     ),
     "For experts": (
         *("--tolerance", "--cutoff", "--interpolation", "--vector", "--references", "--cluster"),

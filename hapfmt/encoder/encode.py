@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from functools import partial
+from importlib.util import find_spec
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -19,13 +20,14 @@ from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
-from ..errors import FormatError, ParameterError
+from ..errors import FormatError, MissingExtraError, ParameterError
 from ..format.cluster import Packet
 from ..format.track import Track
 from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
 from ..reading.decoder import TrackDecoder
 from ..recording import Channel, Recording
 from ..threads import in_order, thread_count
+from .bitrate import fill
 from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
 from .exact import (
     COSTLY,
@@ -76,6 +78,7 @@ ROW, CONTRACT, DEVIATION, DESCRIPTION, METADATA = 12, 20, 24, 80, 96
 track of its own. A lossy form that saves less is not worth the loss."""
 
 SMALLER = "smaller than a lossy form"
+SMALLER_LOSSLESS = "lossless is smaller"
 
 SMALL = 1 << 16
 """In recordings of up to this many samples the encoder always tries the lossless form too. In
@@ -91,6 +94,9 @@ class Decision:
     one sample as it came. ``exact``: the track is stored without loss (on its grid, see
     ``lattice``); ``within``: every sample was found within the bound of the track.
     ``axis_count`` channels share a vector. ``size`` in bytes, of packets and codebooks.
+    ``snr_db``, ``st_sim``: the quality of the texture as decoded, without silent stretches; None
+    where no texture is kept, or where it was not measured. ``missed``: why the texture does not
+    have the quality that was asked for.
     """
 
     channel: int
@@ -107,6 +113,9 @@ class Decision:
     kept_as: str
     largest_error: float
     original_bits: int
+    snr_db: float | None = None
+    st_sim: float | None = None
+    missed: str = ""
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -166,41 +175,107 @@ def encode(
     *,
     progress: Callable[[int, int], None] | None = None,
     threads: int | None = None,
+    size_of: Callable[[Encoded], int] | None = None,
 ) -> Encoded:
     """All channels of a recording; ``progress`` is called with (channels done, channels in all).
 
-    ``threads``: as in :func:`hapfmt.write`; the result does not depend on it.
+    ``threads``: as in :func:`hapfmt.write`; the result does not depend on it. ``size_of``: bytes of
+    the file, which a bit rate counts; None: about.
     """
     settings = settings or Settings()
-    threads = min(thread_count(threads, recording.sample_count), len(recording))
-    if len(recording) > LAST_TRACK_ID // 2:
-        raise ParameterError(f"a recording has at most {LAST_TRACK_ID // 2} channels")
-    recorded = [as_recorded(channel) for channel in recording.channels]
-    promises = promises_of(replace(recording, channels=tuple(recorded)), settings)
-    calm = [without_odd_values(*pair) for pair in zip(recorded, promises, strict=True)]
-    originals = [channel for channel, _ in calm]
-    cluster = settings.cluster_of(recording)
-    searches = [LatticeSearch(channel.stored) for channel in originals]
-    heads = heads_of(recording, settings)
-    job = EncodeJob(settings, originals, promises, searches, cluster, threads, heads)
-    count = len(recording)
-    done = progress or (lambda _done, _all: None)
-    parts: list[PlacedUnit] = []
-    for first, stop in pairwise([*job.heads, count]):
-        own = list(encode_parts(job, first, stop, lambda done_now: done(done_now, count)))
-        parts += with_relations(own, job) if settings.references and not settings.fast else own
-    if settings.preset != "lossless" and settings.smallest:
-        parts = with_lossless(parts, job, recorded)
-    if settings.preset != "paper" and settings.cluster is None:
-        shorten_units([part.unit for part in parts])
-    decisions: list[Decision] = []
-    for part in parts:
-        notes = [note for _, note in calm[part.first : part.stop]]
-        decisions += decide(part, originals, notes, recording)
-    tracks, packets = number_tracks([part.unit for part in parts])
-    if not any(decision.largest_error for decision in decisions):
-        settings = job.lossless
-    return Encoded(tracks, packets, decisions, choose_level(tracks), settings)
+    if settings.st_sim is not None and not find_spec("vibromaf"):
+        raise MissingExtraError("vibromaf", "metrics")
+    encoding = Encoding(recording, settings, progress or (lambda _done, _all: None), threads)
+    if settings.bitrate is None or not encoding.textures:
+        return encoding.finish(encoding.parts)
+    return fill(
+        lambda db: encoding.finish(encoding.at_quality(db)),
+        size_of or about,
+        settings.bitrate * 1000 / 8 * float(recording.duration),
+        sum(part.members[0].channel.stored.size for part in encoding.textures),
+    )
+
+
+def about(encoded: Encoded) -> int:
+    """Bytes of a file."""
+    size = METADATA + DESCRIPTION * len(encoded.tracks)
+    return size + sum(len(packet.data) + ROW for packet in encoded.packets)
+
+
+class Encoding:
+    """A recording in the encoder. All is coded once, but for textures, at any quality."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        settings: Settings,
+        progress: Callable[[int, int], None],
+        threads: int | None,
+    ) -> None:
+        threads = min(thread_count(threads, recording.sample_count), len(recording))
+        if len(recording) > LAST_TRACK_ID // 2:
+            raise ParameterError(f"a recording has at most {LAST_TRACK_ID // 2} channels")
+        self.recording, self.progress = recording, progress
+        self.recorded = [as_recorded(channel) for channel in recording.channels]
+        promises = promises_of(replace(recording, channels=tuple(self.recorded)), settings)
+        pairs = zip(self.recorded, promises, strict=True)
+        calm = [without_odd_values(*pair) for pair in pairs]
+        originals = [channel for channel, _ in calm]
+        self.notes = [note for _, note in calm]
+        cluster = settings.cluster_of(recording)
+        searches = [LatticeSearch(channel.stored) for channel in originals]
+        heads = heads_of(recording, settings)
+        self.job = EncodeJob(settings, originals, promises, searches, cluster, threads, heads)
+        self.rivals: Rivals = {}
+        self.parts: list[PlacedUnit] = []
+        count = len(recording)
+        for first, stop in pairwise([*heads, count]):
+            own = list(encode_parts(self.job, first, stop, lambda done: progress(done, count)))
+            related = settings.references and not settings.fast
+            self.parts += with_relations(own, self.job) if related else own
+
+    @property
+    def textures(self) -> list[PlacedUnit]:
+        """Parts that are one channel with a texture."""
+        return [part for part in self.parts if part.members[0].promise.texture]
+
+    def at_quality(self, db: float) -> list[PlacedUnit]:
+        """All parts, textures with that signal-to-noise ratio."""
+
+        def code(part: PlacedUnit) -> PlacedUnit:
+            (member,) = part.members
+            if member.promise.texture is None:
+                return part
+            texture = replace(member.promise.texture, snr=db)
+            again = replace(member, promise=replace(member.promise, texture=texture))
+            return PlacedUnit(encode_unit([again], part.first, self.job), part.first, [again])
+
+        again = in_order(code, self.textures, self.job.threads)
+        count = len(self.recording)
+        out = []
+        for part in self.parts:
+            out.append(next(again) if part.members[0].promise.texture else part)
+            self.progress(part.stop, count)
+        return out
+
+    def finish(self, parts: list[PlacedUnit]) -> Encoded:
+        """Tracks and packets of the smaller forms, and what is reported of them."""
+        settings, job = self.job.settings, self.job
+        if settings.preset != "lossless" and settings.smallest:
+            parts = with_lossless(parts, job, self.recorded, self.rivals)
+        if settings.preset != "paper" and settings.cluster is None:
+            if settings.bitrate is not None:
+                parts = [replace(part, unit=part.unit.copy()) for part in parts]
+            shorten_units([part.unit for part in parts])
+        decisions: list[Decision] = []
+        for part in parts:
+            notes = self.notes[part.first : part.stop]
+            decisions += decide(part, job.originals, notes, self.recording)
+        tracks, packets = number_tracks([part.unit for part in parts])
+        exact = not any(decision.largest_error for decision in decisions)
+        if exact and settings.preset != "lossless":
+            settings = job.lossless
+        return Encoded(tracks, packets, decisions, choose_level(tracks), settings)
 
 
 def heads_of(recording: Recording, settings: Settings) -> list[int]:
@@ -369,10 +444,17 @@ def runs_of_doubles(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[list[Pl
         yield run
 
 
+Rivals = dict[tuple[int, int], list[PlacedUnit]]
+"""Lossless parts by their first and last channel."""
+
+
 def with_lossless(
-    parts: list[PlacedUnit], job: EncodeJob, recorded: list[Channel]
+    parts: list[PlacedUnit], job: EncodeJob, recorded: list[Channel], known: Rivals
 ) -> list[PlacedUnit]:
-    """The parts, where they are larger than the same channels without loss these in their place."""
+    """The parts, where they are larger than the same channels without loss these in their place.
+
+    ``known`` keeps the lossless parts for the next call.
+    """
     small = sum(channel.stored.size for channel in recorded) <= SMALL
     lossless = replace(
         job,
@@ -394,7 +476,10 @@ def with_lossless(
             if stop < len(parts) and parts[stop].first in job.heads:
                 break
         if stop > at:
-            rivals += encode_parts(lossless, parts[at].first, parts[stop - 1].stop)
+            ends = parts[at].first, parts[stop - 1].stop
+            if ends not in known:
+                known[ends] = list(encode_parts(lossless, *ends))
+            rivals += known[ends]
         at = max(stop, at + 1)
     asked = [each.promise for part in parts for each in part.members]
     rivals = [in_place(part, asked) for part in rivals]
@@ -406,10 +491,14 @@ def with_lossless(
 def in_place(part: PlacedUnit, asked: list[Promise]) -> PlacedUnit:
     """A lossless part, with the reason why it replaces the requested form."""
     members = [
-        replace(each, promise=promise if promise.lossless else Promise(why=SMALLER))
+        replace(each, promise=promise if promise.lossless else instead_of(promise))
         for each, promise in zip(part.members, asked[part.first : part.stop], strict=True)
     ]
     return replace(part, unit=replace(part.unit, instead=True), members=members)
+
+
+def instead_of(promise: Promise) -> Promise:
+    return Promise(texture=promise.texture, why=SMALLER)
 
 
 def may_lose(part: PlacedUnit) -> bool:
@@ -474,6 +563,9 @@ def decide(
         kept_as = unit.kept_as or each.promise.kept_as
         whys = [each.promise.why, "" if unit.instead else notes[place]]
         why = ", ".join(why for why in whys if why and why != reason)
+        missed = unit.missed
+        if unit.instead and each.promise.texture is not None:
+            missed = SMALLER_LOSSLESS
         yield Decision(
             channel=number,
             label=given.label,
@@ -489,6 +581,9 @@ def decide(
             kept_as=kept_as,
             largest_error=errors[place],
             original_bits=8 * (given.stored if given.exact is None else given.exact).itemsize,
+            snr_db=unit.reached.get("snr_db"),
+            st_sim=unit.reached.get("st_sim"),
+            missed=missed,
         )
 
 
@@ -557,11 +652,9 @@ def encode_source(
         joint = encode_bounded(source, base, vector_promise(settings))
         assert joint
         unit = replace(joint, kept_as=vector_promise(settings).kept_as)
-    elif promise.snr is not None:
-        unit, kept_as = encode_textured(
-            source, original, first_channel, promise, settings.cutoff_hz
-        )
-        unit.kept_as = kept_as
+    elif promise.texture is not None:
+        found = encode_textured(source, original, first_channel, promise, settings.cutoff_hz)
+        unit = found or without_loss(original, first_channel, job)
     else:
         unit = encode_within(members[0], source, base, first_channel, promise)
     unit.least = unit.least or sum(
@@ -569,6 +662,13 @@ def encode_source(
         for place, each in enumerate(source.channels)
     )
     return unit
+
+
+def without_loss(original: Channel, first_channel: int, job: EncodeJob) -> Unit:
+    """A texture whose quality no grid has."""
+    exact = on_grid(original, Promise(), job.settings, job.searches[first_channel])
+    unit = encode_unit([exact], first_channel, job)
+    return replace(unit, kept_as="lossless", grid=exact.text, missed="only lossless has it")
 
 
 def encode_within(

@@ -90,7 +90,7 @@ def on_grid(
         kept = absolute if changed.is_counts else Promise(why=text)
         return Gridded(changed, text, kept)
     found = fine_grid(channel, absolute, search)
-    if absolute.k or absolute.snr is not None:
+    if absolute.k or absolute.texture is not None:
         return found
     assert absolute.floor is not None
     own = on_uniform_grid(channel, absolute.floor.value, search)
@@ -136,7 +136,7 @@ def fine_grid(channel: Channel, promise: Promise, search: LatticeSearch) -> Grid
             return Gridded(changed, text, promise)
     assert promise.floor is not None
     own = on_uniform_grid(channel, promise.floor.value, search)
-    if own and not promise.k and promise.snr is None:
+    if own and not promise.k and promise.texture is None:
         return Gridded(*own, promise, fine=False)
     return Gridded(channel, text, Promise(why=text))
 

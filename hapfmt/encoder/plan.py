@@ -24,9 +24,9 @@ from .settings import (
     FORCE_FLOORS,
     QUANTITY_OF_UNIT,
     RANGE_FLOOR,
-    TEXTURE_DB,
     WEBER_LIMITS,
     Settings,
+    TextureQuality,
     Tolerance,
 )
 
@@ -54,15 +54,14 @@ class Promise:
     """What a channel keeps.
 
     floor: every sample is within max(k * |x|, floor) of the recorded one; None: every bit is kept.
-    snr: quality of the texture in dB; max(k * |x|, floor) then holds for the slow part. None: it
-    holds for every sample. enough: kept_as where errors within the floor are allowed although snr
-    asks for less; empty: they are not. paper: the method of the paper, which promises nothing.
-    kept_as and why: for the user.
+    texture: quality of the texture; max(k * |x|, floor) then holds for the slow part. None: it
+    holds for every sample. enough: kept_as where errors within the floor are enough. paper: the
+    method of the paper, which promises nothing. kept_as and why: for the user.
     """
 
     floor: Tolerance | None = None
     k: Fraction = Fraction(0)
-    snr: float | None = None
+    texture: TextureQuality | None = None
     enough: str = ""
     paper: bool = False
     kept_as: str = LOSSLESS
@@ -132,15 +131,15 @@ def felt_promise(channel: Channel, settings: Settings) -> Promise:
     floor = settings.deadband_floor
     kept_as = f"deadband {percent(k)}" if k else f"within {amount_text(floor)}"
     textured = settings.texture and channel.rate_exact > 2 * settings.cutoff_hz
-    snr = (settings.snr or TEXTURE_DB) if textured else None
-    if snr is not None:
-        kept_as += f", texture {snr:g} dB"
+    texture = settings.target if textured else None
+    if texture is not None:
+        kept_as += f", {texture.text}"
     why = f"{quantity}: " if quantity else ""
     return Promise(
         floor,
         k,
-        snr,
-        enough="" if settings.snr else f"within {amount_text(floor)}",
+        texture,
+        enough=f"within {amount_text(floor)}",
         kept_as=kept_as,
         why=f"{why}threshold {amount_text(floor)}",
     )

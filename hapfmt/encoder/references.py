@@ -487,7 +487,7 @@ def step_of(members: Sequence[Channel], promise: Promise, settings: Settings) ->
     channel = members[0]
     if not settings.references or settings.fast:
         return None
-    if promise.k or promise.snr is not None or promise.paper:
+    if promise.k or promise.texture is not None or promise.paper:
         return None
     if len(members) > 1 or channel.calibration is None or not channel.stored.size:
         return None

@@ -120,9 +120,33 @@ FORCE_FLOOR_N = Fraction(1, 100)
 """Absolute threshold of the force deadband in newtons: below what people feel, which is tens of
 millinewtons. Measured on a force that decays to zero: 25 knots instead of 4667."""
 
-TEXTURE_DB = 20.0
-"""Quality of a texture: the power above the split frequency over the power of the error. On
+Quality = Literal["low", "medium", "high"]
+QUALITIES: dict[Quality, float] = {"low": 10.0, "medium": 20.0, "high": 30.0}
+"""Quality of a texture in dB: the power above the split frequency over the power of the error. On
 recorded textures 20 dB take more bits than an ST-SIM of 0.95 does."""
+
+TEXTURE_DB = QUALITIES["medium"]
+
+CLOSE = 0.02
+"""The quality that is reached exceeds the target by this share of it at most, unless the deadband
+or a lossless form asks for more."""
+
+
+@dataclass(frozen=True)
+class TextureQuality:
+    """The quality of a texture: a signal-to-noise ratio in dB, or an ST-SIM.
+
+    drops_silence: textures below the absolute threshold are left out, in whole channels and in
+    stretches. threshold_is_enough: errors below it are allowed, although the quality asks for less.
+    text: in the words of the table.
+    """
+
+    snr: float | None = TEXTURE_DB
+    st_sim: float | None = None
+    drops_silence: bool = True
+    threshold_is_enough: bool = True
+    text: str = "texture"
+
 
 VELOCITY_WEBER = Fraction(8, 100)
 """Just noticeable difference of limb movement, 8 %: L. A. Jones, I. W. Hunter, "Differential
@@ -227,9 +251,17 @@ class Settings:
         None: the quantity of each channel decides.
     texture
         perceptual: whether to keep the part above the split frequency.
+    quality
+        perceptual: "low", "medium" [default] or "high" texture: 10, 20 or 30 dB. Errors below the
+        absolute threshold are enough, but not for "high".
     snr
-        perceptual: signal-to-noise ratio of the texture in dB. None: 20 dB, but errors below the
-        absolute threshold are allowed.
+        perceptual, in place of quality: signal-to-noise ratio of each texture in dB, also where
+        errors are below the absolute threshold.
+    st_sim
+        perceptual, in place of quality: similarity ST-SIM of each texture, above 0 and below 1.
+    bitrate
+        perceptual, in place of quality: kbit/s of the whole file. All textures get the same
+        signal-to-noise ratio.
     bits
         paper: bits of its quantiser, whose range comes from the signal; 0: no HF track.
     step
@@ -274,7 +306,10 @@ class Settings:
     felt: tuple[str, ...] | None = None
     texture: bool = True
     smallest: bool = True
+    quality: Quality | None = None
     snr: float | None = None
+    st_sim: float | None = None
+    bitrate: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "k", share(self.k))
@@ -308,10 +343,43 @@ class Settings:
             raise ParameterError("give the bits or the step of the residual, not both")
         if not (isinstance(self.cutoff_hz, Real) and 0 < self.cutoff_hz < inf):
             raise ParameterError("the cutoff is a positive frequency")
-        if self.snr is not None and not (isinstance(self.snr, Real) and 0 < self.snr < inf):
-            raise ParameterError("the quality of the texture is a positive number of dB")
+        if self.preset == "perceptual":
+            self._check_quality()
         if self.cluster is not None and self.cluster <= 0:
             raise ParameterError("the cluster length must be positive")
+
+    def _check_quality(self) -> None:
+        given = [name for name in TARGETS if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ParameterError(f"give one of {', '.join(TARGETS)}")
+        if given and not self.texture:
+            raise ParameterError("texture=False leaves no texture, so give no quality for it")
+        if self.quality is not None and self.quality not in QUALITIES:
+            raise ParameterError(f"the quality is one of {', '.join(QUALITIES)}")
+        if self.snr is not None and not (isinstance(self.snr, Real) and 0 < self.snr < inf):
+            raise ParameterError("the quality of the texture is a positive number of dB")
+        if self.st_sim is not None and not (isinstance(self.st_sim, Real) and 0 < self.st_sim < 1):
+            raise ParameterError("the ST-SIM of a texture is above 0 and below 1")
+        if self.bitrate is not None and not (
+            isinstance(self.bitrate, Real) and 0 < self.bitrate < inf
+        ):
+            raise ParameterError("the bit rate is a positive number of kbit/s")
+
+    @property
+    def target(self) -> TextureQuality:
+        """The quality of textures. With a bit rate, the one that the search starts from."""
+        if self.snr is not None:
+            text = f"texture {self.snr:g} dB"
+            return TextureQuality(self.snr, None, False, False, text)
+        if self.st_sim is not None:
+            return TextureQuality(
+                None, self.st_sim, False, False, f"texture ST-SIM {self.st_sim:g}"
+            )
+        if self.bitrate is not None:
+            return TextureQuality(threshold_is_enough=False)
+        db = QUALITIES[self.quality or "medium"]
+        enough = self.quality != "high"
+        return TextureQuality(db, threshold_is_enough=enough, text=f"texture {db:g} dB")
 
     @classmethod
     def of(cls, preset: str = "lossless", **given: Any) -> Settings:
@@ -319,8 +387,8 @@ class Settings:
 
         Old names of presets still work, with a DeprecationWarning: see ALIASES.
         """
-        if note := alias_note(preset):
-            warnings.warn(note, DeprecationWarning, stacklevel=2)
+        if preset in ALIASES:
+            warnings.warn(alias_note(preset), DeprecationWarning, stacklevel=2)
         preset, chosen = renamed(preset, given)
         for option, value in chosen.items():
             if value != _DEFAULTS.get(option) or not isinstance(value, (bool, str)):
@@ -388,7 +456,10 @@ def lossy_preset(encoder: object) -> str:
 OPTIONS = {
     "k": "k",
     "floor": "floor",
+    "quality": "quality",
     "snr": "snr",
+    "st_sim": "st-sim",
+    "bitrate": "bitrate",
     "bits": "bits",
     "step": "step",
     "max_error": "max-error",
@@ -404,7 +475,10 @@ USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
     "floor": ("floor", ("perceptual", "paper")),
     "felt": ("felt", ("perceptual",)),
     "texture": ("texture=False", ("perceptual",)),
+    "quality": ("quality", ("perceptual",)),
     "snr": ("snr", ("perceptual",)),
+    "st_sim": ("st_sim", ("perceptual",)),
+    "bitrate": ("bitrate", ("perceptual",)),
     "bits": ("bits", ("paper",)),
     "step": ("step", ("paper",)),
     "cutoff_hz": ("cutoff_hz", ("perceptual", "paper")),
@@ -415,6 +489,9 @@ USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
     "fast": ("fast=True", ("lossless",)),
 }
 """Fields that not every preset uses: the option and those presets."""
+
+TARGETS = ("quality", "snr", "st_sim", "bitrate")
+"""Options that choose the quality of textures, each in place of the others."""
 
 _DEFAULTS: dict[str, Any] = {
     name: given.default for name, given in Settings.__dataclass_fields__.items()

@@ -10,7 +10,7 @@ an encoder's packets and compares them with the recorded samples.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import ceil, isqrt
 
@@ -162,6 +162,12 @@ class Unit:
     kept_as: str = ""
     """How the unit is kept, where that differs from the promise."""
 
+    reached: dict[str, float] = field(default_factory=dict)
+    """The quality of the texture as decoded: snr_db, st_sim."""
+
+    missed: str = ""
+    """Why the texture does not have the quality that was asked for; empty: it has."""
+
     grid: str = ""
     """One line on the grid of ``channels``."""
 
@@ -177,6 +183,11 @@ class Unit:
     @property
     def size(self) -> int:
         return self.base.size + (self.residual.size if self.residual else 0)
+
+    def copy(self) -> Unit:
+        """A unit whose packets may be replaced."""
+        residual = replace(self.residual) if self.residual else None
+        return replace(self, base=replace(self.base), residual=residual)
 
 
 @dataclass(frozen=True)

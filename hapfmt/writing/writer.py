@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import uuid
 import warnings
@@ -183,14 +184,30 @@ def write(
     check_file_id(None if canonical == "content" else canonical)
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
-    encoded = encode(recording, settings, progress=progress, threads=threads)
-    extras = extras_of(recording, encoded.settings)
+    cluster = settings.cluster_of(recording)
+
+    def size_of(encoded: Encoded) -> int:
+        return put(recording, encoded, cluster, canonical, io.BytesIO()).file_size
+
+    encoded = encode(recording, settings, progress=progress, threads=threads, size_of=size_of)
+    with target(file, force) as stream:
+        return put(recording, encoded, cluster, canonical, stream)
+
+
+def put(
+    recording: Recording,
+    encoded: Encoded,
+    cluster: Fraction,
+    canonical: int | Literal["content"] | None,
+    stream: BinaryIO,
+) -> Summary:
+    """Write an encoded recording into a stream."""
+    extras = extras_of(recording, encoded.settings, encoded.decisions)
     level = encoded.level
     observed = clock_chunks(recording, encoded.tracks)
     payloads = [payload for _, payload in extras] + [payload for _, payload, _ in observed]
     if max(len(payload) for payload in payloads) > level.payload_size:
         level = LEVELS[2]
-    cluster = settings.cluster_of(recording)
     layers, marks = layers_of(recording, len(encoded.tracks), cluster)
     tracks = [*encoded.tracks, *layers]
     own_uuid = recording.uuid or (uuid.uuid4() if canonical is None else None)
@@ -198,25 +215,24 @@ def write(
         more = [payload for _, payload in extras]
         more += [b"%s %d %s" % (type_.encode(), id_, data) for type_, data, id_ in observed]
         canonical = content_id(tracks, encoded.packets + marks, more)
-    with target(file, force) as stream:
-        out = FileWriter(
-            stream,
-            level=level,
-            file_id=canonical,
-            recording_uuid=own_uuid,
-            epoch_ns=recording.epoch_ns,
-            epoch_uncertainty_ns=recording.epoch_uncertainty_ns,
-        )
-        out.describe(tracks)
-        for type_, payload in extras:
-            out.chunk(type_, payload)
-        for packets in clusters(tracks, encoded.packets + marks, cluster):
-            out.cluster(packets)
-        for chunk in observed:
-            out.chunk(*chunk)
-        if settings.digest:
-            out.digest(digests_of(encoded))
-        out.close()
+    out = FileWriter(
+        stream,
+        level=level,
+        file_id=canonical,
+        recording_uuid=own_uuid,
+        epoch_ns=recording.epoch_ns,
+        epoch_uncertainty_ns=recording.epoch_uncertainty_ns,
+    )
+    out.describe(tracks)
+    for type_, payload in extras:
+        out.chunk(type_, payload)
+    for packets in clusters(tracks, encoded.packets + marks, cluster):
+        out.cluster(packets)
+    for chunk in observed:
+        out.chunk(*chunk)
+    if encoded.settings.digest:
+        out.digest(digests_of(encoded))
+    out.close()
     return Summary(
         out.offset,
         sum(len(packet.data) for packet in encoded.packets + marks),
@@ -225,13 +241,17 @@ def write(
     )
 
 
-def extras_of(recording: Recording, settings: Settings) -> list[tuple[str, bytes]]:
+def extras_of(
+    recording: Recording, settings: Settings, decisions: Sequence[Decision] = ()
+) -> list[tuple[str, bytes]]:
     """Types and payloads of the chunks for metadata and attachments."""
     if not isinstance(recording.metadata, dict):
         raise ParameterError("metadata must be a JSON object, a dict in Python")
     made_by = f"hapfmt {__version__}: {settings.describe()}"
+    if settings.preset == "perceptual":
+        made_by += reached(decisions)
     earlier = recording.metadata.get("encoder")
-    if lossy_preset(earlier):
+    if earlier and lossy_preset(earlier):
         made_by += f"{INPUT}{earlier}"[:INPUT_SIZE]
     metadata = {**recording.metadata, "encoder": made_by}
     try:
@@ -240,6 +260,17 @@ def extras_of(recording: Recording, settings: Settings) -> list[tuple[str, bytes
         return [("mETa", build_metadata(metadata)), *(("aTTc", each) for each in payloads)]
     except (TypeError, AttributeError):
         raise ParameterError("attachments are {name: (media type, bytes)}") from None
+
+
+def reached(decisions: Sequence[Decision]) -> str:
+    """The quality of textures, for the metadata: " (texture 20.1 to 20.3 dB)"."""
+    texts = []
+    for name, before, after in (("snr_db", "", " dB"), ("st_sim", "ST-SIM ", "")):
+        found = [value for each in decisions if (value := getattr(each, name)) is not None]
+        if found:
+            ends = dict.fromkeys((f"{min(found):.4g}", f"{max(found):.4g}"))
+            texts.append(before + " to ".join(ends) + after)
+    return f" (texture {', '.join(texts)})" if texts else ""
 
 
 def doubts_of(recording: Recording) -> Iterator[str]:

@@ -1,0 +1,144 @@
+"""How good a decoded texture is, as a number that a search can aim at.
+
+A measure gives the error of decoded samples: a number that grows with the step of a quantiser. The
+search compares it with the largest error that the target allows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import inf, log10
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..metrics import (
+    TEXTURE_BLOCK,
+    TEXTURE_EDGE,
+    TEXTURE_HIGH_PASS_HZ,
+    resampling_8khz,
+    st_sim,
+)
+from .settings import CLOSE, TEXTURE_DB, TextureQuality
+from .source import InputBlock
+
+Doubles = NDArray[np.float64]
+
+FIRST_DB = 12.0
+"""The search for an ST-SIM begins at this signal-to-noise ratio; 0.95 takes 8 to 16 dB."""
+
+SIMILARITY_S = 30
+"""ST-SIM is measured on at most this many seconds, from the middle of the longest run."""
+
+
+class Measure(Protocol):
+    @property
+    def allowed(self) -> float:
+        """The largest error that has the quality."""
+
+    @property
+    def noise(self) -> float:
+        """A guess: the mean squared error that has the quality, over the power of the texture."""
+
+    @property
+    def note(self) -> str:
+        """Why another measure than the one that was asked for is used; mostly empty."""
+
+    def error(self, y: Doubles) -> float:
+        """The error of decoded samples."""
+
+    def value(self, y: Doubles) -> dict[str, float]:
+        """The quality of decoded samples, for the user."""
+
+    def close(self, y: Doubles) -> bool:
+        """Whether the quality is the one that was asked for, within a share of CLOSE."""
+
+
+@dataclass(frozen=True)
+class NoiseMeasure:
+    """The mean squared error over the power of the texture, where there is texture."""
+
+    x: Doubles
+    power: float
+    textured: NDArray[np.bool_] | None
+    db: float
+    note: str = ""
+
+    @property
+    def allowed(self) -> float:
+        return float(10 ** (-self.db / 10))
+
+    noise = allowed
+
+    def error(self, y: Doubles) -> float:
+        e = y - self.x
+        if self.textured is not None:
+            e = e[self.textured]
+        mse = float(e @ e) / max(e.size, 1)
+        return mse / self.power if self.power else inf
+
+    def value(self, y: Doubles) -> dict[str, float]:
+        error = self.error(y)
+        return {"snr_db": -10 * log10(error)} if 0 < error < inf else {}
+
+    def close(self, y: Doubles) -> bool:
+        db = self.value(y).get("snr_db")
+        return db is not None and abs(db - self.db) <= CLOSE * self.db
+
+
+@dataclass(frozen=True)
+class SimilarityMeasure:
+    """What ST-SIM lacks of 1, on the longest run."""
+
+    x: Doubles
+    rows: slice
+    rate: Fraction
+    wanted: float
+    snr: NoiseMeasure
+
+    noise = 10 ** (-FIRST_DB / 10)
+    note = ""
+
+    @property
+    def allowed(self) -> float:
+        return 1 - self.wanted
+
+    def similarity(self, y: Doubles) -> float:
+        return st_sim(self.x[self.rows], y[self.rows], self.rate)
+
+    def error(self, y: Doubles) -> float:
+        return max(1 - self.similarity(y), 0.0)
+
+    def value(self, y: Doubles) -> dict[str, float]:
+        return {"st_sim": self.similarity(y), **self.snr.value(y)}
+
+    def close(self, y: Doubles) -> bool:
+        return abs(self.similarity(y) - self.wanted) <= CLOSE * self.wanted
+
+
+def measure_of(
+    target: TextureQuality,
+    x: Doubles,
+    power: float,
+    textured: NDArray[np.bool_] | None,
+    source: InputBlock,
+) -> Measure:
+    """The measure of a target. Runs that are too short for ST-SIM keep the usual ratio."""
+    db = TEXTURE_DB if target.snr is None else target.snr
+    snr = NoiseMeasure(x, power, textured, db)
+    if target.st_sim is None:
+        return snr
+    longest = max(source.segments(), key=lambda rows: rows.stop - rows.start)
+    over = max(longest.stop - longest.start - round(SIMILARITY_S * source.rate), 0)
+    rows = slice(longest.start + over // 2, longest.stop - (over - over // 2))
+    if not has_similarity(rows.stop - rows.start, source.rate):
+        return replace(snr, note=f"too short for ST-SIM: {db:g} dB")
+    return SimilarityMeasure(x, rows, source.rate, target.st_sim, snr)
+
+
+def has_similarity(size: int, rate: Fraction) -> bool:
+    """Whether as many samples are long enough for ST-SIM: one block and both edges."""
+    least = TEXTURE_BLOCK + 2 * TEXTURE_EDGE
+    return rate > 2 * TEXTURE_HIGH_PASS_HZ and size * resampling_8khz(rate) >= least
