@@ -237,17 +237,17 @@ def code_texture(
 
 def with_synthetic(
     source: InputBlock,
-    slow: NDArray[np.int64],
+    texture: NDArray[np.int64],
     lines: Coded,
     bound: Bound,
     *,
     order: int | None = None,
 ) -> Unit | None:
-    """The LF track of lines, with an HF track of NOIS for what is above ``slow`` [ticks]; None
-    where its counts do not fit.
+    """The LF track of lines, with an HF track of NOIS for the texture [ticks] above the slow part;
+    None where its counts do not fit.
 
-    The noise does not stand for what the lines lose of the slow part: that would add a slow noise
-    to it. The contract of the LF track is an aim, unless every sample keeps it.
+    The contract of the LF track is that of the slow part. It is an aim, unless every sample of the
+    recording keeps it.
     """
     channel = source.channels[0]
     assert channel.calibration is not None
@@ -257,7 +257,7 @@ def with_synthetic(
         lines.track, kind="hf", count_min=-widest, count_max=widest - 1, base=0,
         components=(Component(),),
     )  # fmt: skip
-    fast = code_texture(source, x[:, 0] - slow, SILENCE * bound.slack, template, order)
+    fast = code_texture(source, texture, SILENCE * bound.slack, template, order)
     low, high = declared_range(decode_all(fast, 1))
     if max(-low, high) * abs(channel.calibration.a) > EXACT_LIMIT:
         return None
