@@ -404,7 +404,7 @@ def part_text(part: TrackPair, index: int) -> str:
         return bound_text(part.contract, component, index)
     if part.track.contract is None:
         return "synthetic texture"
-    return f"{bound_text(part.track.contract, component, index)}, synthetic texture"
+    return f"slow part {bound_text(part.track.contract, component, index)}, synthetic texture"
 
 
 def each_once(texts: list[str]) -> str:
