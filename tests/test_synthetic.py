@@ -295,6 +295,11 @@ class TestLabels:
         assert dataset["fz"].attrs["texture"] == "synthetic"
         assert "texture" not in dataset["still"].attrs
 
+    def test_convert(self, data):
+        """NOI-002: A program that describes, converts or plays a channel with such a track MUST call its texture synthetic."""
+        notes = hapfmt.save(hapfmt.read(data), io.BytesIO(), format="csv")
+        assert any("texture of fz is synthetic" in each for each in notes)
+
     def test_replay(self, data):
         """NOI-002: A program that describes, converts or plays a channel with such a track MUST call its texture synthetic."""
         profile = profile_of()
