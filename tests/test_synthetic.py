@@ -25,7 +25,7 @@ from hapfmt.encoder.encode import encode
 from hapfmt.encoder.synthetic import (
     ORDERS,
     Intervals,
-    Texture,
+    TextureModel,
     best_order,
     burg,
     density_of,
@@ -156,7 +156,7 @@ class TestModel:
 def decoded_noise(x: np.ndarray, order: int) -> np.ndarray:
     """The texture that a model of x gives."""
     intervals = Intervals.of(RATE)
-    made = Texture.of(x, reflections(x, intervals, order), order, intervals)
+    made = TextureModel.of(x, reflections(x, intervals, order), order, intervals)
     data = made.packet(0.0, 0, 7)
     return decode_within(data, intervals.parameters, x.size, 1, 0, -(2**31), 2**31 - 1)[:, 0]
 
@@ -318,6 +318,15 @@ class TestAfterwards:
         check = report.contracts[0]
         assert check.synthetic and check.outside and not check.broken and not check.promised
         assert "the texture is synthetic" in report.bounds()
+
+    def test_verify_prints_it(self, data, tmp_path):
+        (tmp_path / "x.hapf").write_bytes(data)
+        hapfmt.write(
+            Recording((channel(force()), channel(force()[:100] * 0 + 1, label="still"))),
+            tmp_path / "original.hapf",
+        )
+        done = run("verify", "x.hapf", "--against", "original.hapf", cwd=tmp_path)
+        assert done.returncode == 0 and "synthetic texture" in done.stdout.decode()
 
     @pytest.mark.parametrize("band", ["lf", "hf"])
     def test_one_band_is_a_valid_file(self, data, band):

@@ -279,7 +279,7 @@ def encode_component(
     density: int = 0,
 ) -> bytes:
     """The component packet of gain indices, one for each interval, and coefficients, for each
-    block; empty where all gains are 0. Of silent blocks the coefficients are left out."""
+    block. It is empty where all gains are 0. The coefficients of silent blocks are left out."""
     if not any(gains):
         return b""
     order = len(blocks[0])

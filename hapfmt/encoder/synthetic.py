@@ -2,7 +2,7 @@
 
 The model of a block is all-pole, by Burg's method. It predicts each sample from those before it;
 the noise has the power of the prediction errors. Textures of single impulses have errors of a high
-kurtosis. Their noise is a pulse now and then.
+kurtosis. Their noise is a pulse at few ticks.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ DENSE_KURTOSIS = 6.0
 4."""
 
 NOISE_KURTOSIS = 2.6
-"""Of the noise at every tick. Pulses at a share p of the ticks have 1 / p times as much."""
+"""The kurtosis of noise at every tick. Pulses at a share p of ticks have 1 / p times as much."""
 
 FRACTION = 64
 """Gain index 1 is the spread of one 64th of a count."""
@@ -118,7 +118,7 @@ def errors_of(x: Doubles, start: int, stop: int, ks: Sequence[int]) -> Doubles:
 
 
 def reflections(x: Doubles, intervals: Intervals, order: int) -> list[Doubles]:
-    """Of each block, with a quarter of a block of its neighbours."""
+    """Reflection coefficients of each block, with a quarter of a block of its neighbours."""
     margin = intervals.block_ticks // 4
     found = []
     for start in intervals.starts(x.size):
@@ -167,7 +167,7 @@ def gain_indices(spread: Doubles, loud: NDArray[np.bool_], density: int) -> list
 
 
 @dataclass(frozen=True)
-class Texture:
+class TextureModel:
     """A piece [ticks] in counts, its model, and the prediction errors of that."""
 
     x: Doubles
@@ -176,7 +176,9 @@ class Texture:
     intervals: Intervals
 
     @classmethod
-    def of(cls, x: Doubles, ks: Sequence[Doubles], order: int, intervals: Intervals) -> Texture:
+    def of(
+        cls, x: Doubles, ks: Sequence[Doubles], order: int, intervals: Intervals
+    ) -> TextureModel:
         blocks = [quantised(each[:order]) for each in ks]
         parts = [
             errors_of(x, start, start + intervals.block_ticks, block)
@@ -225,7 +227,7 @@ def code_texture(
     models = [reflections(x, intervals, most) for _, x in pieces]
     chosen = best_order(models) if order is None else order
     textures = [
-        Texture.of(x, ks, chosen, intervals) for (_, x), ks in zip(pieces, models, strict=True)
+        TextureModel.of(x, ks, chosen, intervals) for (_, x), ks in zip(pieces, models, strict=True)
     ]
     density = density_of(np.concatenate([each.normalised() for each in textures]))
     coded = Coded(replace(track, codec="NOIS", parameters=intervals.parameters.build()))

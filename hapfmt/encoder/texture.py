@@ -241,7 +241,8 @@ def encode_textured(
 def encode_synthetic(felt: FeltChannel, base: Track, promise: Promise) -> Unit | None:
     """Lines for the slow part, and a model of the texture.
 
-    What the lines lose of the slow part is no texture: as noise it would leave the deadband.
+    The texture does not include what the lines lose of the slow part: noise in its place would
+    leave the deadband.
     """
     source, calibration = felt.source, felt.source.channels[0].calibration
     assert calibration is not None

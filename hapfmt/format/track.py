@@ -42,6 +42,9 @@ KINDS = ("full", "lf", "hf", "events")
 NUMBER_FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
 WORD_SIZES = {"int64": 8, "uint64": 8, "binary16": 2, "binary32": 4, "binary64": 8}
 CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "LPCX", "EVNT", "NOIS")
+SYNTHETIC = "NOIS"
+"""Its counts come from a model of the texture (SPEC 9.10)."""
+
 COMPONENTS = 255
 """Most components of a track, and of all tracks of a TRAK chunk (TRK-002)."""
 
@@ -116,8 +119,8 @@ class Track:
 
     @property
     def synthetic(self) -> bool:
-        """Whether the counts come from a model of the texture (SPEC 9.10)."""
-        return self.codec == "NOIS"
+        """Whether the counts come from a model of the texture."""
+        return self.codec == SYNTHETIC
 
     def weight(self, span: int, size: int) -> int:
         """Weight of a packet in a cluster, by its ticks and bytes (DAT-009)."""

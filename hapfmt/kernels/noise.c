@@ -1,4 +1,4 @@
-/* NOIS: noise through an all-pole lattice filter (SPEC 9.10). The readable twin is
+/* NOIS: noise through an all-pole filter (SPEC 9.10). The readable twin is
    hapfmt/codecs/noise.py.
 
    Widths, whatever the bytes say: gains below 2^40, so that a gain between two of them takes 2^52, and

@@ -26,7 +26,7 @@ from ..codecs.raw import DTYPES, RawParameters, decode_raw
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..format.cluster import Packet
 from ..format.layout import COVERED_SPAN
-from ..format.track import Component, Track, unsupported_track
+from ..format.track import SYNTHETIC, Component, Track, unsupported_track
 from ..limits import Level
 from ..recording import Calibration, Channel, Deviation, Event, Span, append_span, in_order
 from .catalogue import ChannelRef, TrackPair
@@ -416,7 +416,8 @@ class Assembly:
         for part in ref.parts:
             own = replace(described, deviation=part.track.components[ref.index].deviation)
             track = self.of_part(part)
-            synthetic = part.synthetic if self.band != "lf" else part.track.synthetic
+            fast = None if self.band == "lf" else part.residual
+            synthetic = SYNTHETIC in (part.track.codec, fast and fast.codec)
             found.append(
                 build_channel(track, ref.index, own, hf_only=self.band == "hf", synthetic=synthetic)
             )

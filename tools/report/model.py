@@ -38,7 +38,7 @@ class Modelled(NamedTuple):
     bits_per_s: float
     error_db: float
     own_db: float
-    """Of the texture against itself."""
+    """The error of the texture against itself."""
 
     chosen: bool
     """Whether the encoder takes this order."""

@@ -1,4 +1,4 @@
-// NOIS (9.10): noise with a gain that changes, through an all-pole lattice filter.
+// NOIS (9.10): noise with a gain that changes, through an all-pole filter.
 import { Reader } from './bytes.js';
 import { EntropyDecoder, readStart } from './entropy.js';
 import { broken } from './error.js';
