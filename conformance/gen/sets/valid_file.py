@@ -93,6 +93,9 @@ def worked_examples() -> Iterator[Case]:
             exact=[(double_bits(a), double_bits(b)) for a, b in zip(x, y, strict=True)],
         )],
     )  # fmt: skip
+    noise = [2, 4, 4, 5, 8, 12, 13, 10, 5, -2, -5, -11, -21, -30, -38, -40, -36, -33, -30, -28]
+    calm = Track(kind="lf", packets=[Packet(0, [7] * 20, b"")])
+    model = Track(id=1, codec="NOIS", kind="hf", base=0, packets=[Packet(0, noise, b"")])
     axes = [
         {"label": f"f{axis}", "unit": "N", "quantity": "force", "axis": axis, "group": "tip",
          "body_site": "index finger", "device": "stylus"}
@@ -120,6 +123,7 @@ def worked_examples() -> Iterator[Case]:
         "predicted": ("Differences, a reference, a grid.", ["LPC-002"], [pair, rough], {}),
         "exact": ("Doubles with their counts.", ["EXA-007"], [tenths], {}),
         "linear": ("A channel filtered from another.", ["EXA-002"], [filtered], {}),
+        "synthetic": ("A texture from a model.", ["NOI-001"], [calm, model], {}),
         "described": ("Every TLV of TRAK.", ["TLV-004", "TRK-020"], [forces, sevens], {}),
         "digests": (
             "Two indexes, a digest, a map and an attachment.", ["DGS-001", "IDX-002"], [gap],
