@@ -14,6 +14,7 @@ from hapfmt.encoder import plan
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.lattice import Tolerance, snap_to_lattice
 from hapfmt.encoder.plan import LEAST, Promise, find_glitches, median3, without_glitches
+from hapfmt.encoder.settings import TextureQuality
 from hapfmt.encoder.source import InputBlock
 from hapfmt.encoder.texture import FeltChannel
 from hapfmt.recording import Recording
@@ -97,6 +98,6 @@ def test_the_slow_part_is_not_drawn_by_them():
     x = with_glitches(1500)
     channel = Channel(x, Fraction(1000), calibration=Calibration(1, 0, 1000), unit="N")
     source = InputBlock((channel,), x[:, None], channel.coverage)
-    promise = Promise(Tolerance(0.002, "range"), Fraction(1, 10), 20.0)
+    promise = Promise(Tolerance(0.002, "range"), Fraction(1, 10), TextureQuality(20.0))
     felt = FeltChannel.of(channel.samples(), source, promise, 20.0)
     assert np.abs(1000 * felt.slow - HUM).max() < 150

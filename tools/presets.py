@@ -12,9 +12,11 @@ from __future__ import annotations
 import io
 import time
 from collections.abc import Iterator
+from contextlib import suppress
+from importlib.util import find_spec
 from math import exp, log
 from pathlib import Path
-from statistics import median
+from statistics import median, quantiles
 from typing import Any, NamedTuple
 
 import installed  # noqa: F401
@@ -25,7 +27,7 @@ from measured import DATA, files_in, origin
 
 import hapfmt
 from hapfmt.convert.formats import read_suffixes
-from hapfmt.metrics import snr_hf_db
+from hapfmt.metrics import snr_hf_db, st_sim
 
 SETTINGS: dict[str, dict[str, Any]] = {
     "lossless": {},
@@ -47,6 +49,20 @@ TEXTURES = (
 """Recordings and channels whose texture is measured at one quality."""
 
 QUALITY_DB = 20.0
+
+LADDER: dict[str, dict[str, Any]] = {
+    "--quality low": {"quality": "low"},
+    "--quality medium": {"quality": "medium"},
+    "--quality high": {"quality": "high"},
+    "--snr 10": {"snr": 10},
+    "--snr 20": {"snr": 20},
+    "--st-sim 0.9": {"st_sim": 0.9},
+    "--st-sim 0.95": {"st_sim": 0.95},
+}
+"""Qualities of the texture that are compared."""
+
+SIMILAR_S = 30
+"""ST-SIM is measured on the first seconds."""
 
 
 class Result(NamedTuple):
@@ -112,6 +128,44 @@ def texture(recording: hapfmt.Recording, label: str) -> tuple[float, float, floa
     return *ours, *coded(preset="paper", step=low, **knots)
 
 
+def ladder(recordings: dict[str, hapfmt.Recording]) -> Iterator[str]:
+    """Rows: median SNR and ST-SIM of the textures that have one in the lowest quality, the mean of
+    their bits per sample, and seconds."""
+    textured: dict[str, list[int]] = {}
+    for name, given in LADDER.items():
+        bits, ratios, alike, seconds = [], [], [], 0.0
+        for file, recording in recordings.items():
+            summary, data, cpu = written(recording, {"preset": "perceptual", **given})
+            seconds += cpu
+            decoded = hapfmt.read(data)
+            places = textured.setdefault(
+                file, [each.channel for each in summary.decisions if each.snr_db is not None]
+            )
+            for place in places:
+                x, y = recording.channels[place], decoded.channels[place]
+                each = summary.decisions[place]
+                rows = longest_run(x)
+                f, g = x.samples()[rows], y.samples()[rows]
+                bits.append(8 * each.size / each.sample_count)
+                ratios.append(snr_hf_db(f, g, x.rate))
+                some = slice(0, round(SIMILAR_S * x.rate))
+                with suppress(hapfmt.ParameterError):  # too short
+                    alike.append(st_sim(f[some], g[some], x.rate_exact))
+        mean = exp(sum(map(log, bits)) / len(bits))
+        enough = len(alike) > 1
+        middle = f"{median(alike):.3f} | {quantiles(alike, n=10)[0]:.3f}" if enough else "- | -"
+        yield f"| `{name}` | {mean:.2f} | {median(ratios):.1f} | {middle} | {seconds:.0f} |"
+
+
+def longest_run(channel: hapfmt.Channel) -> slice:
+    at, best = 0, slice(0, 0)
+    for span in channel.coverage:
+        if span.ticks > best.stop - best.start:
+            best = slice(at, at + span.ticks)
+        at += span.ticks
+    return best
+
+
 @click.command(help=__doc__)
 @click.argument("data", type=click.Path(exists=True, path_type=Path), default=DATA)
 def main(data: Path) -> None:
@@ -143,6 +197,14 @@ def main(data: Path) -> None:
         if file.endswith(NAMED):
             ratios = [found[name][file].ratio for name in list(SETTINGS)[:4]]
             print(f"| {file} | " + " | ".join(f"{ratio:.1f}" for ratio in ratios) + " |")
+    if find_spec("vibromaf") is not None:
+        print(
+            "\nTextures: geometric mean of bits per sample; median of SNR (dB) and ST-SIM; ST-SIM "
+            "of the worst tenth; CPU s\n\n| quality | bits/sample | SNR | ST-SIM | worst | CPU s |"
+            "\n|---|---|---|---|---|---|"
+        )
+        for row in ladder(recordings):
+            print(row)
     print(
         f"\nTexture at {QUALITY_DB:g} dB, bits a sample (SNR): preset perceptual, and knots with a "
         "quantised residual\n\n| channel | perceptual | knots + QUAN |\n|---|---|---|"

@@ -225,6 +225,9 @@ RANGE_ERROR = Tolerance(0.001, "range")
 
 PAPER_BITS = 5
 
+REACHED = " (texture "
+"""In the metadata "encoder", before the quality of textures."""
+
 INPUT = "; input: "
 """In the metadata "encoder", before the encoder of a lossy input."""
 
@@ -455,7 +458,7 @@ def preset_of(encoder: object) -> str:
     """The preset in the metadata that hapfmt writes: hapfmt 0.1.0: lossless."""
     if not isinstance(encoder, str) or not encoder.startswith("hapfmt "):
         return ""
-    return encoder.partition(INPUT)[0].partition(": ")[2]
+    return encoder.partition(INPUT)[0].partition(": ")[2].partition(REACHED)[0]
 
 
 def lossy_preset(encoder: object) -> str:

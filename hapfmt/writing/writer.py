@@ -17,7 +17,15 @@ from typing import Any, BinaryIO, Literal
 from ..codecs.events import coded, event_packets, layer_track, rate_of
 from ..convert import refuse_foreign
 from ..encoder.encode import Decision, Encoded, encode
-from ..encoder.settings import INPUT, INPUT_SIZE, Settings, alias_note, lossy_preset, renamed
+from ..encoder.settings import (
+    INPUT,
+    INPUT_SIZE,
+    REACHED,
+    Settings,
+    alias_note,
+    lossy_preset,
+    renamed,
+)
 from ..errors import DataWarning, ParameterError, unknown
 from ..files import refuse, target
 from ..format.cluster import Packet
@@ -270,7 +278,7 @@ def reached(decisions: Sequence[Decision]) -> str:
         if found:
             ends = dict.fromkeys((f"{min(found):.4g}", f"{max(found):.4g}"))
             texts.append(before + " to ".join(ends) + after)
-    return f" (texture {', '.join(texts)})" if texts else ""
+    return f"{REACHED}{', '.join(texts)})" if texts else ""
 
 
 def doubts_of(recording: Recording) -> Iterator[str]:
