@@ -3,8 +3,8 @@
 The twins run if the environment has ``HAPFMT_PURE=1``, or if a C source is newer than the build.
 This module declares the types of the C functions. Each .c file has the functions of one codec or
 search, and names its twin. Those of codecs/ are lpcr, knots, knots_coded, huffman (QUAN), exact
-(LPCX), transform (MDCT) and levels (grids). Those of encoder/ are select, tube, sweep, links,
-quick, trellis and vectors.
+(LPCX), transform (MDCT), noise (NOIS) and levels (grids). Those of encoder/ are select, tube,
+sweep, links, quick, trellis and vectors.
 Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the one before.
 lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
 """
@@ -307,6 +307,33 @@ class QuickPredictor(Protocol):
     ) -> tuple[int, int]: ...
 
 
+class NoiseDecode(Protocol):
+    """(coded bytes, order, density, seed, first gain, class and start of the gains, those of the
+    coefficients, states, shift, intervals, least and largest count, sines int32 [128], int32
+    [ticks]) -> (status, bytes read); the last argument is filled with counts."""
+
+    def __call__(
+        self,
+        coded: Buffer,
+        order: int,
+        density: int,
+        seed: int,
+        gain: int,
+        gain_class: int,
+        gain_start: int,
+        coefficient_class: int,
+        coefficient_start: int,
+        states: int,
+        shift: int,
+        intervals: int,
+        low: int,
+        high: int,
+        sines: Buffer,
+        counts: Buffer,
+        /,
+    ) -> tuple[int, int]: ...
+
+
 class Kernels(Protocol):
     """What the extension module has."""
 
@@ -362,6 +389,8 @@ class Kernels(Protocol):
     def estimate(self) -> Estimate: ...
     @property
     def quick_predictor(self) -> QuickPredictor: ...
+    @property
+    def noise_decode(self) -> NoiseDecode: ...
 
     def clamp_counts(
         self, numbers: Buffer, step: int, zero: int, low: int, high: int, counts: Buffer, /
