@@ -22,6 +22,8 @@ from hapfmt.codecs.knots import (
     interpolate,
     parse_knots,
 )
+from hapfmt.codecs.noise import NoiseParameters, decode_within, gain_of, sine_of, step_lattice
+from hapfmt.codecs.noise import noise as noise_at
 from hapfmt.codecs.predicted import SINES, step_up
 from hapfmt.codecs.quantised import (
     Alphabet,
@@ -221,6 +223,33 @@ def lpcr_packet(case):
     data, span = bytes.fromhex(case["packet"]), case["span"]
     rows = lpcr.decode_components(data, span, case["components"], case["last"], 0)
     return {"indices": [row.tolist() for row in rows]}
+
+
+def noise(case):
+    ticks = range(case["first"], case["first"] + len(case["n"]))
+    return {"n": [noise_at(case["seed"], tick, case["density"]) for tick in ticks]}
+
+
+def noise_gains(case):
+    values = [gain_of(index) for index in range(len(case["values"]))]
+    digest = hashlib.sha256(struct.pack(f"<{len(values)}q", *values)).hexdigest()
+    return {"values": values, "sha256": digest}
+
+
+def lattice(case):
+    ks, g = [sine_of(k) for k in case["k"]], [0] * len(case["k"])
+    counts, states = [], []
+    for e in case["e"]:
+        counts.append(rdiv(step_lattice(e, ks, g), 64))
+        states.append(list(g))
+    return {"counts": counts, "g": states[:4] + states[-1:]}
+
+
+def nois(case):
+    parameters = NoiseParameters(case["shift"], case["intervals"])
+    data, widest = bytes.fromhex(case["packet"]), 2**31
+    given = case["span"], case["components"], 0, -widest, widest - 1
+    return {"counts": decode_within(data, parameters, *given).T.tolist()}
 
 
 def hexed(doubles):

@@ -13,6 +13,7 @@ import forge as f
 import numpy as np
 import page
 import page_exact
+import page_noise
 import page_transform
 from singles import decode_counts, decode_exact
 
@@ -22,6 +23,8 @@ from hapfmt.codecs.exact import ExactParameters
 from hapfmt.codecs.exact import decode_exact as decode_both
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.knots import KnotParameters, decode_knots, parse_varints
+from hapfmt.codecs.noise import NoiseParameters
+from hapfmt.codecs.noise import decode_within as decode_noise
 from hapfmt.codecs.predicted import decode_indices, decode_predicted
 from hapfmt.codecs.quantised import QuanParameters, decode_quantised, parse_codebook
 from hapfmt.codecs.raw import RawParameters, decode_raw
@@ -148,6 +151,19 @@ def transformed(data: bytes, count: int = 1) -> Callable[[], Any]:
 
 LARGE = page_transform.encode([[2**26, 2**27]], [256] * 32, loud=True)
 """Coefficients of 2^35 and, with the other quantiser, about 2^36."""
+
+
+def noise(data: bytes, span: int = 24, count: int = 1) -> Callable[[], Any]:
+    return lambda: decode_noise(data, NoiseParameters(3, 8), span, count, AT, -9, 9)
+
+
+def noisy(data: bytes) -> Callable[[], Any]:
+    return lambda: NoiseParameters.parse(data, AT)
+
+
+NOISE = page_noise.encode([40, 44, 36], [[50, -20]], 8)
+"""Of 24 ticks, 18 bytes."""
+
 
 FIVE = b"\3\x10\0\x0a"
 """The counts of a packet of LPCX: all 5."""
@@ -643,6 +659,28 @@ FAULTS = [
     Fault("RNG-004", 104, "no table of lengths", beside(b"\0\0")),
     Fault("RNG-004", 104, "33 ranks", beside(b"\1\0\x21" + b"\1" * 40)),
     Fault("RNG-001", 113, "raw bits cut short", beside(corrected(60)[:-1])),
+    # 9.10
+    Fault("COD-002", 100, "NOIS cut short", noisy(b"\3")),
+    Fault("COD-002", 102, "NOIS too long", noisy(f.nois_parameters() + b"\0")),
+    Fault("NOI-001", TRACK_AT + f.HEADER, "NOIS with a contract", judged(f.closed(
+        HEAD, ("TRAK", f.trak(f.tlv(1, f.nois_parameters()) + f.tlv(16, f.deadband()),
+                              codec=b"NOIS"), {"track": 0}),
+        ("DATA", f.cluster((0, 0, 4, b"")))))),
+    Fault("NOI-003", 100, "intervals of 4 ticks", noisy(b"\2\xff")),
+    Fault("NOI-003", 100, "intervals of 8192 ticks", noisy(b"\x0d\1")),
+    Fault("NOI-003", 100, "blocks of 56 ticks", noisy(b"\3\7")),
+    Fault("NOI-004", 100, "a model larger than the packet", noise(b"\1", count=2)),
+    Fault("NOI-005", 100, "a filter of order 33", noise(b"\x21" + NOISE[1:])),
+    Fault("NOI-005", 100, "a model cut short", noise(NOISE[:10])),
+    Fault("NOI-006", 106, "a first gain of 113", noise(NOISE[:6] + b"\x71" + NOISE[7:])),
+    Fault("NOI-006", 113, "a gain of 113", noise(page_noise.encode([112, 113], [], 8), 16)),
+    Fault("NOI-006", 113, "a gain of -1", noise(page_noise.encode([0, -1], [], 8), 16)),
+    Fault("NOI-006", 115, "a coefficient of 128", noise(page_noise.encode([40], [[128]], 8), 8)),
+    Fault("RNG-004", 107, "bit 5 of a coding", noise(NOISE[:7] + b"\x20" + NOISE[8:])),
+    Fault("RNG-004", 107, "four states twice", noise(NOISE[:9] + b"\x10" + NOISE[10:])),
+    Fault("RNG-004", 107, "a start byte of 164", noise(NOISE[:8] + b"\xa4" + NOISE[9:])),
+    Fault("RNG-001", 119, "a byte behind the noise", noise(NOISE + b"\0")),
+    Fault("RNG-001", 109, "no coded bytes", noise(page_noise.encode([40], [], 8)[:9], 8)),
     Fault("CNV-002", 102, "no base", predicted(b"\0\0")),
     Fault("COD-001", 103, "bytes after a constant", predicted(b"\x10\0\0\0")),
     # 9.6

@@ -205,6 +205,18 @@ def test_exact(fault):
     assert_reported(fault)
 
 
+@each("NOI")
+def test_noise(fault):
+    """
+    NOI-001: A track of codec `NOIS` MUST be of kind full band or HF, and have no contract.
+    NOI-003: `shift` MUST be 3 to 12, and a block, `intervals` times 2^shift, have at least 64 ticks.
+    NOI-004: The component packets MUST fit the packet: their sizes are together at most what follows them.
+    NOI-005: m MUST be at most 32, and a component packet contain all that is before its coded bytes.
+    NOI-006: Every gain index MUST be 0 to 112, and every coefficient -127 to 127.
+    """
+    assert_reported(fault)
+
+
 @each("CLK")
 def test_clocks(fault):
     """

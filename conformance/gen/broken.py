@@ -19,7 +19,7 @@ RECOVERED = [0, DAMAGED]
 NOTHING = "framing/nothing"
 """No chunk, so nothing to recover."""
 
-REFUSED = {"COD", "DAT-009", "EVT", "EXA", "KNT", "KTE", "LIM", "LPC", "MDC", "QNT", "RAW",
+REFUSED = {"COD", "DAT-009", "EVT", "EXA", "KNT", "KTE", "LIM", "LPC", "MDC", "NOI", "QNT", "RAW",
            "RNG"}  # fmt: skip
 """Rules that a decoder keeps (SPEC 16): it refuses what breaks one."""
 
@@ -30,7 +30,7 @@ END = DATA_AT + f.HEADER + len(DATA[1])
 """Offset of the chunk after HEAD, TRACK, DATA."""
 
 
-CODECS = ("EVNT", "KNOT", "LPCR", "LPCX", "MDCT", "QUAN", "RAWB")
+CODECS = ("EVNT", "KNOT", "LPCR", "LPCX", "MDCT", "NOIS", "QUAN", "RAWB")
 
 
 ENDS = ("alone", "and-a-byte", "cut-short", "missing", "none", "of-no-bytes", "past-the-packet",

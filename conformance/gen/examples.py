@@ -19,6 +19,7 @@ import deflate
 import forge
 import page_exact
 import page_knots_coded
+import page_noise
 import page_predicted
 import page_quantised
 import page_raw
@@ -553,6 +554,38 @@ values of channel 1 are {" ".join(map(repr, y))}; their corrections are {shown(a
     return Example(f, note, expected | {"exact": [{"start": 0, "exact": row} for row in exact]})
 
 
+def synthetic() -> Example:
+    f = File(0x0000000D, brief=True)
+    f.head(minor=1)
+    model = [u8(3, "intervals of 2^3 ticks"), u8(8, "8 intervals in a block")]
+    slow = track("KNOT", kind=1, low=-100, high=100, tlvs=[knots()])
+    fast = track(
+        "NOIS", kind=2, low=-100, high=100, linked=0, tlvs=[(1, "codec parameters", model)]
+    )
+    f.chunk("TRAK", plain(slow, fast), track=0)
+    gains, ks = [30, 34, 0], [100, -80]
+    data = page_noise.encode(gains, [ks], 8, seed=2024)
+    e = page_noise.decode(data, 3, 8, 20)
+    assert max(map(abs, e)) <= 100
+    texture = [
+        u8(2, "two coefficients"),
+        u8(0, "noise at every tick"),
+        u32(2024, "seed"),
+        u8(30, "gain index of interval 0"),
+        raw(data[7:9], "gains: class 0, one state; averages begin at 32"),
+        raw(data[9:11], "coefficients: class 0; averages begin at 32"),
+        raw(data[11:], "coded bytes: gain differences 4, -34; coefficients 100, -80"),
+    ]
+    f.cluster([(0, 0, [svarint(7, "a single knot: constant 7")], 20), (1, 0, texture, 20)],
+              (0, 20 * MS))  # fmt: skip
+    f.close(2)
+    note = f"""Codec `NOIS`: a constant force with a synthetic texture above it. The first 8 ticks
+have the gain G(30) = {page_noise.gain_of(30)}. It rises to G(34) = {page_noise.gain_of(34)} over
+the next 8, and falls to 0 over the last interval, of which the packet has 4 ticks. The HF track
+decodes to {shown(e)}; the channel is 7 more."""
+    return Example(f, note, {"0": [span(0, *(7 + each for each in e))]})
+
+
 def shown(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers))
 
@@ -704,6 +737,7 @@ MAKERS: dict[str, Callable[[], Example]] = {
     "exact": exact,
     "linear": linear,
     "transformed": transformed,
+    "synthetic": synthetic,
     "described": described,
     "digests": digests,
     "salvaged": salvaged,

@@ -118,6 +118,10 @@ def coded_knot_parameters(interpolation: int = 0, **grid: int) -> bytes:
     return knot_parameters(interpolation, coding=1, **grid)
 
 
+def nois_parameters(shift: int = 3, intervals: int = 8) -> bytes:
+    return bytes([shift, intervals])
+
+
 def lpcx_parameters(rule: int = 0, digits: int = 0, reserved: bytes = bytes(2),
                     coefficients: Sequence[float] = (),
                     terms: Sequence[tuple[int, int, float]] = ()) -> bytes:  # fmt: skip

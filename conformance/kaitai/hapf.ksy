@@ -308,6 +308,7 @@ types:
             '"LPCR"': lpcr_parameters
             '"LPCX"': lpcx_components
             '"MDCT"': mdct_parameters
+            '"NOIS"': nois_parameters
         doc: The parameters; bytes where the codec is not known.
   knot_parameters:
     doc-ref: SPEC.md 9.1
@@ -410,6 +411,15 @@ types:
         repeat: expr
         repeat-expr: terms
         doc: The terms of rule 4.
+  nois_parameters:
+    doc-ref: SPEC.md 9.10
+    seq:
+      - id: shift
+        type: u1
+        doc: An interval has 2^shift ticks.
+      - id: intervals
+        type: u1
+        doc: Intervals of a block.
   lpcx_term:
     doc-ref: SPEC.md 9.7
     seq:

@@ -275,7 +275,7 @@ VALUES = {
 }  # fmt: skip
 PARAMETERS = {
     "KNOT": knot, "QUAN": quan, "RAWB": lambda c: c.fixed("RAWB parameters"), "LPCR": grid,
-    "LPCX": lpcx, "MDCT": mdct,
+    "LPCX": lpcx, "MDCT": mdct, "NOIS": lambda c: c.fixed("NOIS parameters"),
 }  # fmt: skip
 
 

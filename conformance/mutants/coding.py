@@ -20,6 +20,9 @@ LAPPED = "codecs.transform:inverse"
 COEFFICIENTS = "codecs.transform:decode_coefficients"
 NEIGHBOURS = "codecs.transform:Neighbours"
 STEPS = "codecs.transform:TransformParameters.steps"
+NOISE = "codecs.noise:noise"
+TEXTURE = "codecs.noise:synthesise"
+LATTICE = "codecs.noise:step_lattice"
 BUCKETS = (f"{CODER}.magnitude", ENDS)
 
 MUTANTS = (
@@ -530,5 +533,68 @@ MUTANTS = (
             "max(1, rdiv(self.step * weight, WEIGHT_ONE))",
             "rdiv(self.step * weight, WEIGHT_ONE)",
         ),
+    ),
+    mutant(
+        "noise-off-centre",
+        "The sum of the bytes of the noise is not doubled.",
+        "CNV-001",
+        Edit(NOISE, "2 * ((w >> 8 & 255)", "1 * ((w >> 8 & 255)"),
+    ),
+    mutant(
+        "noise-pulse-too-many",
+        "A pulse also comes where the lowest byte is the density.",
+        "CNV-001",
+        Edit(NOISE, "w & 255 >= density", "w & 255 > density"),
+    ),
+    mutant(
+        "gain-from-silence",
+        "The gain of the first interval rises from 0.",
+        "CNV-001",
+        Edit(TEXTURE, 'array("q"), gains[0]', 'array("q"), 0'),
+    ),
+    mutant(
+        "gain-in-steps",
+        "The gain is that of the interval, without a line from the one before.",
+        "CNV-001",
+        Edit(TEXTURE, "low + ((high - low) * i >> parameters.shift)", "high"),
+    ),
+    mutant(
+        "silence-keeps-the-state",
+        "In silence the filter keeps its state.",
+        "CNV-001",
+        Edit(TEXTURE, "            g = [0] * model.order\n", ""),
+    ),
+    mutant(
+        "silent-block-of-zeros",
+        "After a silent block coefficients differ from zeros, not from the last ones.",
+        "NOI-006",
+        Edit(
+            "codecs.noise:read_blocks",
+            "        blocks.append(before)",
+            "        before = [0] * model.order if quiet else before\n"
+            "        blocks.append(before)",
+        ),
+    ),
+    mutant(
+        "lattice-rounds-down",
+        "The filter divides without rounding.",
+        "CNV-001",
+        Edit(LATTICE, "rdiv(ks[j] * g[j], 1 << SINE_SHIFT)", "(ks[j] * g[j] >> SINE_SHIFT)"),
+    ),
+    mutant(
+        "lattice-ties",
+        "A product is taken off as its negative is added: ties are rounded the other way.",
+        "CNV-001",
+        Edit(
+            LATTICE,
+            "g[j] - rdiv(ks[j] * f, 1 << SINE_SHIFT)",
+            "g[j] + rdiv(-ks[j] * f, 1 << SINE_SHIFT)",
+        ),
+    ),
+    mutant(
+        "lattice-unclamped",
+        "The state of the filter is not clamped.",
+        "CNV-001",
+        Edit("codecs.noise:within", "return clamp(x, -STATE_MOST - 1, STATE_MOST)", "return x"),
     ),
 )

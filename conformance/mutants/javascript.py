@@ -188,4 +188,14 @@ MUTANTS = (
         "CNV-001",
         Edit("mdct.js", "v.fill(0);", ""),
     ),
+    javascript(
+        "noise-products-rounded",
+        "The products of the noise are those of doubles, not of 32 bits.",
+        "CNV-001",
+        Edit(
+            "nois.js",
+            "w = Math.imul(w ^ (w >>> 16), 2246822507);",
+            "w = ((w ^ (w >>> 16)) * 2246822507) | 0;",
+        ),
+    ),
 )

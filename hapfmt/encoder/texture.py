@@ -17,12 +17,14 @@ from math import exp, log, sqrt
 
 import numpy as np
 
+from ..format.track import Track
 from ..recording import Calibration, Channel
-from .bounded import encode_bounded
-from .felt import Doubles, FeltChannel
+from .bounded import code_lines, encode_bounded
+from .felt import Doubles, FeltChannel, counts_nearest
 from .plan import Promise
 from .source import InputBlock
-from .unit import Unit, decode_all, whole_range
+from .synthetic import with_synthetic
+from .unit import Unit, bound_of, decode_all, whole_range
 from .ways import CodedTrial, Way, ways_of
 
 NARROWER, TRIES, HALVINGS = 0.8, 16, 4
@@ -52,6 +54,8 @@ def encode_textured(
     if felt.silent if target.drops_silence else felt.smooth:
         kept_as = promise.kept_as.replace(target.text, NO_TEXTURE)
         return replace(alone, kept_as=kept_as, missed=NO_TEXTURE)
+    if target.synthetic:
+        return encode_synthetic(felt, base, promise)
     if felt.fine and target.threshold_is_enough:
         unit = encode_bounded(source, base, replace(promise, k=Fraction(0)))
         assert unit
@@ -68,6 +72,23 @@ def encode_textured(
         if unit and (best is None or unit.cost < best.cost):
             best = reported(unit, felt, trial.samples, DEADBAND if trial.limited else FINER_WINS)
     return best and replace(best, kept_as=promise.kept_as)
+
+
+def encode_synthetic(felt: FeltChannel, base: Track, promise: Promise) -> Unit | None:
+    """Lines for the slow part, and a model of the texture.
+
+    The texture does not include what the lines lose of the slow part: noise in its place would
+    leave the deadband.
+    """
+    source, calibration = felt.source, felt.source.channels[0].calibration
+    assert calibration is not None
+    slow, bound = counts_nearest(felt.slow, calibration), bound_of(source, promise)
+    lines = code_lines(replace(source, counts=slow[:, None]), base, bound, None)
+    if lines is None:
+        return None
+    texture = counts_nearest(felt.wanted, calibration) - slow
+    unit = with_synthetic(source, texture, lines, bound)
+    return unit and replace(unit, kept_as=promise.kept_as)
 
 
 NO_TEXTURE = "no texture above the threshold"

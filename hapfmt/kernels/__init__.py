@@ -3,8 +3,8 @@
 The twins run if the environment has ``HAPFMT_PURE=1``, or if a C source is newer than the build.
 This module declares the types of the C functions. Each .c file has the functions of one codec or
 search, and names its twin. Those of codecs/ are lpcr, knots, knots_coded, huffman (QUAN), exact
-(LPCX), transform (MDCT) and levels (grids). Those of encoder/ are select, tube, sweep, links,
-quick, trellis and vectors.
+(LPCX), transform (MDCT), noise (NOIS) and levels (grids). Those of encoder/ are select, tube,
+sweep, links, quick, trellis and vectors.
 Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the one before.
 lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
 """
@@ -247,8 +247,8 @@ class TransformEncode(Protocol):
 
 class Trellis(Protocol):
     """(targets int64 [blocks, coefficients], coefficients, classes, start, weight, magnitudes int64
-    [blocks, coefficients], counts int64 [2, 36, 16]); the last two are filled, the last one from
-    zeros."""
+    [blocks, coefficients], counts int64 [2, 36, 16]) -> squared errors, and bits times the weight;
+    the last two are filled, the last one from zeros."""
 
     def __call__(
         self,
@@ -260,7 +260,7 @@ class Trellis(Protocol):
         magnitudes: Buffer,
         counts: Buffer,
         /,
-    ) -> None: ...
+    ) -> int: ...
 
 
 class Estimate(Protocol):
@@ -303,6 +303,33 @@ class QuickPredictor(Protocol):
         costs: Buffer,
         reflections: Buffer,
         coefficients: Buffer,
+        /,
+    ) -> tuple[int, int]: ...
+
+
+class NoiseDecode(Protocol):
+    """(coded bytes, order, density, seed, first gain, class and start of the gains, those of the
+    coefficients, states, shift, intervals, least and largest count, sines int32 [128], int32
+    [ticks]) -> (status, bytes read); the last argument is filled with counts."""
+
+    def __call__(
+        self,
+        coded: Buffer,
+        order: int,
+        density: int,
+        seed: int,
+        gain: int,
+        gain_class: int,
+        gain_start: int,
+        coefficient_class: int,
+        coefficient_start: int,
+        states: int,
+        shift: int,
+        intervals: int,
+        low: int,
+        high: int,
+        sines: Buffer,
+        counts: Buffer,
         /,
     ) -> tuple[int, int]: ...
 
@@ -362,6 +389,8 @@ class Kernels(Protocol):
     def estimate(self) -> Estimate: ...
     @property
     def quick_predictor(self) -> QuickPredictor: ...
+    @property
+    def noise_decode(self) -> NoiseDecode: ...
 
     def clamp_counts(
         self, numbers: Buffer, step: int, zero: int, low: int, high: int, counts: Buffer, /

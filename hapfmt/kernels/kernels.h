@@ -19,6 +19,7 @@ extern PyMethodDef hapfmt_knots_coded_methods[];
 extern PyMethodDef hapfmt_quick_methods[];
 extern PyMethodDef hapfmt_transform_methods[];
 extern PyMethodDef hapfmt_trellis_methods[];
+extern PyMethodDef hapfmt_noise_methods[];
 void hapfmt_lpcr_prepare(void);
 
 /* Whether a buffer is a row of numbers, each of the given size in bytes. */

@@ -18,7 +18,7 @@ import numpy as np
 import singles
 from numpy.typing import NDArray
 
-from hapfmt.codecs import exact, knots, predicted, quantised, raw, transform
+from hapfmt.codecs import exact, knots, noise, predicted, quantised, raw, transform
 from hapfmt.codecs.exact import ExactParameters
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
 from hapfmt.encoder.transform import encode_row
@@ -220,6 +220,21 @@ def lpcx(data: bytes) -> None:
         assert back.tobytes() == doubles.tobytes()
 
 
+def nois(data: bytes) -> None:
+    ask = asked(data)
+    parameters = ask and settled(noise.NoiseParameters.parse, ask.parameters, AT)
+    if not ask or not parameters:
+        return
+    counts = both(
+        lambda: noise.decode_within(
+            ask.packet, parameters, ask.span, ask.width, AT, ask.low, ask.high
+        )
+    )
+    if counts is not None:
+        assert counts.shape == (ask.span, ask.width)
+        assert ask.low <= counts.min() <= counts.max() <= ask.high
+
+
 def wave(span: int, width: int = 1, scale: float = 60.0) -> NDArray[np.int64]:
     """Counts [span, width] that resemble a recording."""
     rng = np.random.default_rng(span)
@@ -350,6 +365,21 @@ def of_lpcx() -> Iterable[bytes]:
     yield given(f.lpcx_parameters(), f.varint(len(coded)) + coded + rest, 30, 2, level=2)
 
 
+def of_nois() -> Iterable[bytes]:
+    parameters = noise.NoiseParameters(3, 8)
+    gains = [40, 60, 0, 0, 112, 30, 1, 50] + [0] * 8 + [70] * 8
+    for order in (0, 1, 4, 32):
+        ks = [100, -80, 30, -5, *[7] * 28][:order]
+        blocks = [ks, ks, ks[::-1]]
+        part = noise.encode_component(
+            gains, blocks, parameters, seed=order, density=50 * (order > 1)
+        )
+        yield given(parameters.build(), part, 190)
+        yield given(parameters.build(), noise.encode_packet([part, b""]), 190, 2, narrow=1)
+    yield given(f.nois_parameters(12, 255), noise.encode_component(
+        [112], [[127, -127] * 8], noise.NoiseParameters(12, 255), seed=9), 1000, level=2)  # fmt: skip
+
+
 DECODERS = [
     Target("knot", knot, of_knot),
     Target("quan", quan, of_quan),
@@ -357,4 +387,5 @@ DECODERS = [
     Target("lpcr", lpcr, of_lpcr),
     Target("mdct", mdct, of_mdct),
     Target("lpcx", lpcx, of_lpcx),
+    Target("nois", nois, of_nois),
 ]

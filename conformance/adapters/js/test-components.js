@@ -11,6 +11,7 @@ import { clamp, floorDiv, floorDivBig, rdiv, rdivBig } from './integers.js';
 import { decodeIndices } from './lpcr.js';
 import { movePlace } from './lpcx.js';
 import { COSINES, Coefficients, cosine, decodeTransformed, readHeader, transformOf } from './mdct.js';
+import { Lattice, gainOf, noiseAt } from './nois.js';
 import { SINES, predictorOf } from './predictor.js';
 import { makeCode, readCodebook } from './quan.js';
 import { CONTEXTS, EntropyDecoder, classEnds, lengthEnds } from './entropy.js';
@@ -252,6 +253,28 @@ export const components = {
       digest.add(start, rows.length, { numbers: DIGESTED[c.number_format](rows.flat()), exact: null });
     }
     return { spans: digest.spans, of_numbers: hex(digest.numbers.digest()), digest: hex(digest.value()) };
+  },
+  noise(c) {
+    return { n: c.n.map((_, i) => noiseAt(c.seed, c.first + i, c.density)) };
+  },
+  'noise-gains'(c) {
+    const values = c.values.map((_, q) => gainOf(q));
+    return { values, sha256: hex(sha256(new Uint8Array(BigInt64Array.from(values, BigInt).buffer))) };
+  },
+  lattice(c) {
+    const filter = new Lattice(c.k.length);
+    filter.set(c.k);
+    const states = [];
+    const counts = c.e.map((e) => {
+      const count = rdiv(filter.next(e), 64);
+      states.push([...filter.g]);
+      return count;
+    });
+    return { counts, g: [...states.slice(0, 4), ...states.slice(-1)] };
+  },
+  nois(c) {
+    const track = trackOf('NOIS', [c.shift, c.intervals], c);
+    return { counts: columns(decodePacket(track, bytesOf(c.packet), 0, c.span).numbers, c.components) };
   },
   'exact-values'(c) {
     const [A, B, D] = c.calibration.map(Number);

@@ -98,6 +98,9 @@ def worked_examples() -> Iterator[Case]:
         codec="MDCT", low=0, high=200,
         packets=[Packet(0, mixed_blocks(), b""), Packet(48, [100] * 4, b"")],
     )  # fmt: skip
+    noise = [2, 4, 4, 5, 8, 12, 13, 10, 5, -2, -5, -11, -21, -30, -38, -40, -36, -33, -30, -28]
+    calm = Track(kind="lf", packets=[Packet(0, [7] * 20, b"")])
+    model = Track(id=1, codec="NOIS", kind="hf", base=0, packets=[Packet(0, noise, b"")])
     axes = [
         {"label": f"f{axis}", "unit": "N", "quantity": "force", "axis": axis, "group": "tip",
          "body_site": "index finger", "device": "stylus"}
@@ -126,6 +129,7 @@ def worked_examples() -> Iterator[Case]:
         "exact": ("Doubles with their counts.", ["EXA-007"], [tenths], {}),
         "linear": ("A channel filtered from another.", ["EXA-002"], [filtered], {}),
         "transformed": ("Two blocks, and where they meet.", ["MDC-001", "MDC-002"], [mixed], {}),
+        "synthetic": ("A texture from a model.", ["NOI-001"], [calm, model], {}),
         "described": ("Every TLV of TRAK.", ["TLV-004", "TRK-020"], [forces, sevens], {}),
         "digests": (
             "Two indexes, a digest, a map and an attachment.", ["DGS-001", "IDX-002"], [gap],

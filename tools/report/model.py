@@ -1,0 +1,158 @@
+"""Texture from a model: the order of the model against size and quality, the trade-off that the
+paper names as future work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from math import ceil
+from typing import Any, NamedTuple
+
+import numpy as np
+import texture_rates
+from texture_rates import FINE, SAMPLES, Texture, counts_of
+
+import hapfmt
+from hapfmt.encoder.source import InputBlock
+from hapfmt.encoder.synthetic import code_texture
+from hapfmt.encoder.unit import ENCODE_LEVEL, decode_all, whole_range
+from hapfmt.format.track import Component
+from hapfmt.metrics import band_energy_error_db
+from hapfmt.recording import Span
+from hapfmt.split import low_pass
+from report.section import PALE, CannotRunError, Figure, Options, Section, Table, drawn
+
+ORDERS = (0, 1, 2, 4, 6, 8, 12, 16, 24, 32)
+APART_S = 0.5
+"""A texture is compared with itself, this much later: a model need not be better than that."""
+
+COLUMNS = 3
+HEADERS = ["recording", "rate, Hz", "order", "bit/s", "error of band energies, dB",
+           "the texture itself 0.5 s later, dB", "order of the encoder"]  # fmt: skip
+
+
+class Modelled(NamedTuple):
+    name: str
+    rate_hz: float
+    order: int
+    bits_per_s: float
+    error_db: float
+    own_db: float
+    """The error of the texture against itself."""
+
+    chosen: bool
+    """Whether the encoder takes this order."""
+
+
+def section(options: Options) -> Section:
+    found = [row for texture in textures(options) for row in modelled(texture)]
+    if not found:
+        raise CannotRunError("no texture could be measured")
+    return Section(
+        "Texture from a model",
+        text_of(found),
+        [Table("Order of the model, size and quality", HEADERS, [list(row) for row in found])],
+        [picture(found)],
+        [row._asdict() for row in found],
+    )
+
+
+def textures(options: Options) -> Iterator[Texture]:
+    if options.quick or options.data is None:
+        yield from texture_rates.simulated(4.0)
+    else:
+        yield from texture_rates.recorded(options.data, SAMPLES)
+
+
+def modelled(texture: Texture) -> Iterator[Modelled]:
+    """The HF track alone, at each order. The slow part is kept as it is."""
+    step = texture.level / FINE
+    slow = low_pass(texture.x, texture.rate_hz)
+    counts = counts_of(texture._replace(x=texture.x - slow), step)
+    channel = hapfmt.Channel(counts, texture.rate_hz, calibration=hapfmt.Calibration(1, 0, 1))
+    source = InputBlock((channel,), counts[:, None], (Span(0, counts.size),))
+    widest = 1 << (ENCODE_LEVEL.residual_bits - 1)
+    track = replace(
+        whole_range(source, 0), kind="hf", base=0, components=(Component(),), count_min=-widest,
+        count_max=widest - 1,
+    )  # fmt: skip
+    later = ceil(APART_S * texture.rate_hz)
+    own = band_energy_error_db(texture.x[:-later], texture.x[later:], texture.rate_hz)
+    best = code_texture(source, counts, 0.0, track).packets[0].data
+    chosen = best[0] if best else 0
+    for order in sorted({*ORDERS, chosen}):
+        coded = code_texture(source, counts, 0.0, track, order)
+        y = slow + decode_all(coded, 1)[:, 0] * step
+        yield Modelled(
+            texture.name,
+            texture.rate_hz,
+            order,
+            8 * coded.size * texture.rate_hz / counts.size,
+            band_energy_error_db(texture.x, y, texture.rate_hz),
+            own,
+            order == chosen,
+        )
+
+
+def text_of(found: Sequence[Modelled]) -> str:
+    taken = [row for row in found if row.chosen]
+    better = sum(row.error_db <= row.own_db for row in taken)
+    least, most = (f(row.bits_per_s for row in taken) for f in (min, max))
+    first = (
+        f"A model of {min(row.order for row in taken)} to {max(row.order for row in taken)} "
+        f"coefficients takes {least:.0f} to {most:.0f} bit/s for a texture. Its band energies are "
+        f"as near to the recording as those of the recording {APART_S:g} s later, or nearer, on "
+        f"{better} of {len(taken)} textures."
+    )
+    flat = [row for row in found if row.order == 0]
+    lines = [
+        first,
+        "* **Order.** Without a filter the error is "
+        f"{np.mean([row.error_db for row in flat]):.1f} dB on the mean of the textures. With 8 "
+        f"coefficients it is {mean_at(found, 8):.1f} dB, with 32 {mean_at(found, 32):.1f} dB.",
+        "* **What is measured.** The HF track of `--synthetic-texture` alone, above a slow part "
+        "that is kept as it is. The noise is another one than that of the recording, so measures "
+        "of samples (SNR, ST-SIM) do not apply. `band_energy_error_db` compares the energies of "
+        "ten bands in blocks of 128 ms.",
+    ]
+    return "\n\n".join([lines[0], "\n".join(lines[1:])])
+
+
+def mean_at(found: Sequence[Modelled], order: int) -> float:
+    return float(np.mean([row.error_db for row in found if row.order == order]))
+
+
+def picture(found: Sequence[Modelled]) -> Figure:
+    names = list(dict.fromkeys(row.name for row in found))
+    columns = min(COLUMNS, len(names))
+    lines = ceil(len(names) / columns)
+
+    def draw(panels: Any) -> None:
+        flat = list(panels.flat)
+        for axes in flat[len(names) :]:
+            axes.set_visible(False)
+        for axes, name in zip(flat, names, strict=False):
+            rows = [row for row in found if row.name == name]
+            axes.axhline(rows[0].own_db, color=PALE, linewidth=1, linestyle="--")
+            axes.plot([r.bits_per_s for r in rows], [r.error_db for r in rows], "o-")
+            for row in rows:
+                if row.order in (0, 2, 8, 16, 32) or row.chosen:
+                    axes.annotate(
+                        str(row.order), (row.bits_per_s, row.error_db), fontsize=7,
+                        xytext=(3, 4), textcoords="offset points",
+                        fontweight="bold" if row.chosen else "normal",
+                    )  # fmt: skip
+            axes.set_title(name, fontsize=8.5)
+            axes.set_ylim(0, max(*(r.error_db for r in rows), rows[0].own_db) * 1.15)
+            axes.set_xlim(0, max(r.bits_per_s for r in rows) * 1.1)
+            axes.tick_params(labelsize=7)
+        flat[0].figure.supxlabel("bit/s", fontsize=9)
+        flat[0].figure.supylabel("error of band energies, dB", fontsize=9)
+
+    return drawn(
+        "Order of the model, size and quality",
+        "Each mark is one order; the bold one is what the encoder takes. The dashed line is the "
+        "recorded texture against itself half a second later.",
+        draw, width=3.6 * columns, height=0.6 + 2.2 * lines, panels=(lines, columns),
+        squeeze=False,
+    )  # fmt: skip
