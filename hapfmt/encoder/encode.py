@@ -249,7 +249,10 @@ class Encoding:
                 return part
             texture = replace(member.promise.texture, snr=db)
             again = replace(member, promise=replace(member.promise, texture=texture))
-            return PlacedUnit(encode_unit([again], part.first, self.job), part.first, [again])
+            unit = encode_unit([again], part.first, self.job)
+            if unit.reached:
+                unit.missed = ""  # the search asks for this quality, not the user
+            return PlacedUnit(unit, part.first, [again])
 
         again = in_order(code, self.textures, self.job.threads)
         count = len(self.recording)

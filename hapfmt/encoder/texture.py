@@ -22,6 +22,7 @@ from ..recording import Calibration, Channel
 from .bounded import code_lines, encode_bounded
 from .felt import Doubles, FeltChannel, counts_nearest
 from .plan import Promise
+from .settings import CLOSE
 from .source import InputBlock
 from .synthetic import with_synthetic
 from .unit import Unit, bound_of, decode_all, whole_range
@@ -36,6 +37,9 @@ NEAR = 0.99
 
 NEAR_ENOUGH = 0.975
 """The same where each try codes the channel: 0.1 dB."""
+
+SHARE_OF_DB = 0.75 * CLOSE
+"""... or this share of a target in dB, where that is less."""
 
 SEARCHED, FACTOR = 24, 4.0
 """Most steps that a search tries, and the largest factor from one to the next."""
@@ -118,7 +122,7 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
     """
     allowed = felt.measure.allowed
     step, most = way.first, float(np.ptp(felt.x))
-    near = NEAR_ENOUGH if way.costly else NEAR
+    near = max(NEAR_ENOUGH, allowed**SHARE_OF_DB) if way.costly else NEAR
     low = high = best = None
     for _ in range(SEARCHED):
         trial = way.at(step)
