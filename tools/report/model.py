@@ -46,7 +46,7 @@ SHARES = (4.0, 2.0, 1.0, 0.5, 0.25)
 """Steps of the coded textures, as shares of the standard deviation above 20 Hz."""
 
 THRESHOLD = "1%"
-"""Of the deadband of the slow part, the same for all that have one."""
+"""The threshold of the deadband of every slow part."""
 
 MODEL = "model"
 BESIDE = ["recording", "codec", "step / standard deviation", "bit/s", "error of band energies, dB",
