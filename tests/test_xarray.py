@@ -531,6 +531,17 @@ class TestElsewhere:
         with xr.open_dataset(path) as data, pytest.raises(OSError, match="changed after it was"):
             data.load()
 
+    def test_another_time_of_change(self, tmp_path):
+        """Processes that open the file again see that it was written again."""
+        path = tmp_path / "a.hapf"
+        hapfmt.write(np.zeros(100), path, rate=100)
+        data = xr.open_dataset(path)
+        data.close()
+        os.utime(path, ns=(0, path.stat().st_mtime_ns + 1))
+        with pytest.raises(OSError, match="changed after it was opened"):
+            pickle.loads(pickle.dumps(data)).load()
+        data.close()
+
     def test_another_working_folder(self, tmp_path, monkeypatch):
         (tmp_path / "other").mkdir()
         monkeypatch.chdir(tmp_path)
