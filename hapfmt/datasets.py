@@ -367,6 +367,8 @@ def attributes(channel: Any) -> dict[str, Any]:
     if channel.deviation is not None:
         about["declared_error"] = channel.deviation.declared
         about["largest_error"] = channel.deviation.largest
+    if channel.synthetic:
+        about["texture"] = "synthetic"
     return about
 
 

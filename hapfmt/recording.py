@@ -761,6 +761,9 @@ class Channel:
     exact
         float64 [sample_count] or None: the recorded doubles, bit for bit, where the counts alone
         do not give them.
+    synthetic
+        whether the texture comes from a model: it resembles the recorded one, and its samples are
+        others. A codec of a file says so (``hapfmt encode --synthetic-texture``).
     """
 
     stored: NDArray[Any]
@@ -777,6 +780,7 @@ class Channel:
     deviation: Deviation | None = None
     lsb: float | None = None
     exact: NDArray[np.float64] | None = None
+    synthetic: bool = False
 
     def __init__(
         self,
@@ -794,6 +798,7 @@ class Channel:
         deviation: Deviation | None = None,
         lsb: float | None = None,
         exact: NDArray[np.float64] | None = None,
+        synthetic: bool = False,
         *,
         rate_exact: Rate | None = None,
         values: NDArray[Any] | None = None,
@@ -819,6 +824,7 @@ class Channel:
         put("deviation", deviation)
         put("lsb", lsb)
         put("exact", exact)
+        put("synthetic", synthetic)
         if self.stored.ndim != 1:
             raise ParameterError("a channel's values are one-dimensional")
         if self.rate_exact <= 0:
@@ -995,6 +1001,7 @@ class Channel:
         if self.calibration is not None:
             kind = f"counts of {float(abs(self.calibration.step)):.6g}"
             kind += " and float64 corrections" if self.exact is not None else ""
+        kind += "; synthetic texture" if self.synthetic else ""
         gaps = f", {len(self.gaps)} gap{'s' * (len(self.gaps) > 1)}" if self.gaps else ""
         return (
             f"Channel {_short(self.label)!r}: {self.stored.size} samples at {self.rate:.6g} Hz, "
