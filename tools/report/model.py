@@ -4,28 +4,18 @@ paper names as future work."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
 import texture_rates
-from texture_rates import FINE, SAMPLES, Texture, counts_of
+from texture_rates import APART_S, SAMPLES, Texture, nois
 
-import hapfmt
-from hapfmt.encoder.source import InputBlock
-from hapfmt.encoder.synthetic import code_texture
-from hapfmt.encoder.unit import ENCODE_LEVEL, decode_all, whole_range
-from hapfmt.format.track import Component
 from hapfmt.metrics import band_energy_error_db
-from hapfmt.recording import Span
 from hapfmt.split import low_pass
 from report.section import PALE, CannotRunError, Figure, Options, Section, Table, drawn
 
 ORDERS = (0, 1, 2, 4, 6, 8, 12, 16, 24, 32)
-APART_S = 0.5
-"""A texture is compared with itself, this much later: a model need not be better than that."""
-
 COLUMNS = 3
 HEADERS = ["recording", "rate, Hz", "order", "bit/s", "error of band energies, dB",
            "the texture itself 0.5 s later, dB", "order of the encoder"]  # fmt: skip
@@ -66,29 +56,18 @@ def textures(options: Options) -> Iterator[Texture]:
 
 def modelled(texture: Texture) -> Iterator[Modelled]:
     """The HF track alone, at each order. The slow part is kept as it is."""
-    step = texture.level / FINE
     slow = low_pass(texture.x, texture.rate_hz)
-    counts = counts_of(texture._replace(x=texture.x - slow), step)
-    channel = hapfmt.Channel(counts, texture.rate_hz, calibration=hapfmt.Calibration(1, 0, 1))
-    source = InputBlock((channel,), counts[:, None], (Span(0, counts.size),))
-    widest = 1 << (ENCODE_LEVEL.residual_bits - 1)
-    track = replace(
-        whole_range(source, 0), kind="hf", base=0, components=(Component(),), count_min=-widest,
-        count_max=widest - 1,
-    )  # fmt: skip
     later = ceil(APART_S * texture.rate_hz)
     own = band_energy_error_db(texture.x[:-later], texture.x[later:], texture.rate_hz)
-    best = code_texture(source, counts, 0.0, track).packets[0].data
-    chosen = best[0] if best else 0
+    _, chosen = nois(texture)
     for order in sorted({*ORDERS, chosen}):
-        coded = code_texture(source, counts, 0.0, track, order)
-        y = slow + decode_all(coded, 1)[:, 0] * step
+        coded, _ = nois(texture, order)
         yield Modelled(
             texture.name,
             texture.rate_hz,
             order,
-            8 * coded.size * texture.rate_hz / counts.size,
-            band_energy_error_db(texture.x, y, texture.rate_hz),
+            coded.bits * texture.rate_hz,
+            band_energy_error_db(texture.x, slow + coded.y, texture.rate_hz),
             own,
             order == chosen,
         )
