@@ -98,6 +98,21 @@ def test_tables(capsys):
     assert all("-" in line and not any(map(str.isdigit, line)) for line in last if line)
 
 
+def test_a_way_of_several_codecs_is_coded_once():
+    curves = rates.curves_of(TEXTURE, ["LPCR", "LPCR or MDCT"])
+    assert curves.of["LPCR"][0] is curves.of["LPCR or MDCT"][0]
+
+
+def test_weights_of_bands():
+    """At 40 Hz the threshold is (250 / 40)^2 times its minimum, so a power of 1/2 gives 6.25."""
+    assert rates.weights_of(256, 0.0, 1000) == b""
+    weights = rates.weights_of(512, 0.5, 1000)
+    assert len(weights) == 64
+    at = [(place + 0.5) * 500 / 64 for place in range(64)]
+    assert all(weight == 200 for weight, hz in zip(weights, at, strict=True) if hz <= 40)
+    assert [weight for weight, hz in zip(weights, at, strict=True) if 250 < hz < 300] == [32] * 6
+
+
 def test_a_model_takes_few_bits_and_has_the_power_of_the_texture():
     (sand,) = rates.simulated(4.0)
     coded, order = rates.nois(sand)
@@ -111,6 +126,8 @@ def test_a_model_takes_few_bits_and_has_the_power_of_the_texture():
 def test_table_of_models(capsys):
     (sand,) = rates.simulated(2.0)
     rates.print_models([rates.curves_of(sand, ["LPCR"])])
-    header, _, row = (line for line in capsys.readouterr().out.splitlines() if line.startswith("|"))
+    header, _, row = (
+        line for line in capsys.readouterr().out.splitlines() if line.startswith("|")
+    )
     assert "NOIS bit/s" in header and "simulated sand" in row
     assert header.count("|") == row.count("|")

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
-from math import exp, inf, log, log10
+from math import exp, inf, log, log10, sqrt
 from pathlib import Path
 from statistics import fmean
 from typing import NamedTuple
@@ -34,16 +34,19 @@ from numpy.typing import NDArray
 import hapfmt
 from hapfmt import metrics
 from hapfmt.codecs.predicted import decode_indices
+from hapfmt.codecs.transform import UNIT, TransformParameters, decode_component
 from hapfmt.deadband import COUNT_LIMIT
 from hapfmt.encoder.bounded import code_lines
 from hapfmt.encoder.plan import Promise
 from hapfmt.encoder.predict import encode_best, fitting_packets
 from hapfmt.encoder.settings import FORCE_WEBER, Tolerance
 from hapfmt.encoder.source import InputBlock
+from hapfmt.encoder.transform import encode_row
 from hapfmt.encoder.synthetic import code_texture
 from hapfmt.encoder.unit import ENCODE_LEVEL, bound_of, decode_all, whole_range
 from hapfmt.format.track import Component
 from hapfmt.lab.scenes import load_scene, simulate
+from hapfmt.limits import LEVELS
 from hapfmt.recording import Span
 from hapfmt.split import low_pass
 
@@ -93,6 +96,15 @@ THRESHOLDS = ("0.2%", "1%", "2%", "5%", "10%", "20%")
 
 LINES = ("0.2%", "1%", "5%")
 """The same for lines."""
+
+BLOCKS = (32, 64, 128, 256, 512)
+"""Coefficients of a block of MDCT."""
+
+BANDS = 64
+"""Bands of MDCT with a weight of their own."""
+
+COUNT = 1 << 31
+"""Counts have 32 bits."""
 
 MODEL_LINES = "5%"
 """The same below a texture from a model."""
@@ -161,6 +173,35 @@ def coded_part(indices: Counts, rows: slice) -> bytes:
     return encode_best(indices[rows])
 
 
+def mdct(size: int, gamma: float, texture: Texture, step: float) -> Coded:
+    """The transform of the whole signal in blocks of this size. With gamma, the step of a band is
+    multiplied by the threshold of vibration (of a displacement), relative to its minimum, to that
+    power."""
+    # Each quantiser has every other level; a coefficient adds to size samples by a cosine.
+    own = round(UNIT * FINE / 2 * sqrt(2 / size))
+    parameters = TransformParameters(size, own, weights_of(size, gamma, texture.rate_hz))
+    x = texture.x / (step / FINE)
+    packet_size, parts = 0, []
+    for start in range(0, x.size, LONGEST):
+        rows = np.rint(x[start : start + LONGEST])
+        data = encode_row(rows, parameters)
+        packet_size += len(data)
+        y = np.empty(rows.size, np.int32)
+        decode_component(data, parameters, rows.size, LEVELS[2], 0, -COUNT, COUNT - 1, y)
+        parts.append(y)
+    return Coded(8 * packet_size / x.size, np.concatenate(parts) * (step / FINE))
+
+
+def weights_of(size: int, gamma: float, rate_hz: float) -> bytes:
+    """32 times the factor on the step of each band; at most BANDS of them."""
+    if not gamma:
+        return b""
+    bands = min(size, BANDS)
+    hz = (np.arange(bands) + 0.5) * (rate_hz / (2 * bands))
+    factors = (metrics.vibrotactile_threshold(hz) / metrics.LEAST_M) ** gamma
+    return bytes(np.clip(np.rint(32 * factors), 1, 255).astype(np.uint8))
+
+
 def split(threshold: str, rest: Way, texture: Texture, step: float) -> Coded:
     """The fewest lines within the deadband for the slow part, and another way for the rest."""
     bits, slow = slow_track(texture, threshold)
@@ -213,12 +254,21 @@ def counts_of(texture: Texture, step: float) -> Counts:
 
 
 PAPER = tuple(partial(paper, threshold) for threshold in THRESHOLDS)
+MDCT, QUARTER, HALF = (
+    tuple(partial(mdct, size, gamma) for size in BLOCKS) for gamma in (0.0, 0.25, 0.5)
+)
 CODECS: dict[str, tuple[Way, ...]] = {
     "paper": PAPER,
     "LPCR": (lpcr,),
+    "MDCT": MDCT,
+    "LPCR or MDCT": (lpcr, *MDCT),
     "lines + LPCR": tuple(partial(split, threshold, lpcr) for threshold in LINES),
+    "lines + MDCT": tuple(partial(split, threshold, way) for threshold in LINES for way in MDCT),
+    "MDCT, 1/4": QUARTER,
+    "MDCT, 1/2": HALF,
 }
-"""The ways of each codec. The one with the fewest bits counts, at each quality."""
+"""The ways of each codec. The one with the fewest bits counts, at each quality. The last two weigh
+the bands of the transform by a power of the threshold of vibration."""
 
 
 def snr_hf(texture: Texture, y: Samples) -> float:
