@@ -10,6 +10,7 @@ import numpy as np
 from singles import decode_counts, decode_exact
 
 from hapfmt.codecs import predicted as lpcr
+from hapfmt.codecs import transform as mdct
 from hapfmt.codecs.entropy import Decoder, Lengths, ends_of
 from hapfmt.codecs.events import parse_events
 from hapfmt.codecs.exact import ExactParameters, ordered, unordered, values_of
@@ -277,3 +278,43 @@ def lpcx(case):
         assert counts.tolist() == case["counts"]
     exact = decode_exact(data, parameters, Affine(*case["calibration"]), counts, 0)
     return {"counts": counts.tolist(), "exact": hexed(exact)}
+
+
+def cosine(case):
+    table = mdct.cosines()
+    if "entries" in case:
+        quarter = table[:1025]
+        digest = hashlib.sha256(quarter.astype("<u2").tobytes()).hexdigest()
+        return {"entries": quarter.tolist(), "sha256": digest}
+    return {"pairs": [[i, int(table[i % table.size])] for i, _ in case["pairs"]]}
+
+
+def transform_of(case):
+    data = bytes([case["m"]]) + build_varint(case["step"])
+    weights = bytes(case["weights"])
+    return mdct.TransformParameters.parse(data + bytes([len(weights)]) + weights, 0)
+
+
+def transform_steps(case):
+    return {"steps": transform_of(case).steps.tolist()}
+
+
+def transform(case):
+    rows = np.zeros((len(case["coefficients"]), 1 << case["m"]))
+    for row, given in zip(rows, case["coefficients"], strict=True):
+        row[: len(given)] = given
+    return {"x": mdct.inverse(rows).tolist()}
+
+
+def transformed(case):
+    data, parameters = bytes.fromhex(case["packet"]), transform_of(case)
+    span, count = case["span"], case["components"]
+    rows = mdct.decode_within(data, parameters, span, count, LEVEL, 0, -(2**31), 2**31 - 1)
+    out = {"counts": rows.T.tolist()}
+    if "blocks" in case:
+        header, at = mdct.parse_header(data, parameters.size, LEVEL, 0)
+        blocks = np.zeros((-(-span // parameters.size), header.kept))
+        steps = parameters.steps[: header.kept].tolist()
+        mdct.decode_coefficients(data[at:], steps, header.classes, header.start, blocks, at)
+        out["blocks"] = blocks.astype(np.int64).tolist()
+    return out

@@ -27,7 +27,9 @@ from hapfmt.codecs.predicted import (
 )
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, code_lengths, encode_quantised
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
+from hapfmt.codecs.transform import BLOCKS, TransformParameters, decode_within
 from hapfmt.encoder.settings import Settings, Tolerance
+from hapfmt.encoder.transform import encode_row
 from hapfmt.format.cluster import Packet
 from hapfmt.format.track import WORD_SIZES, Affine, Component, Contract, Track
 from hapfmt.format.wire import ChunkHeader, Head
@@ -182,10 +184,20 @@ def one_track(draw, level=LEVELS[2]):
     )  # fmt: skip
 
 
+transforms = st.builds(
+    TransformParameters,
+    st.sampled_from(BLOCKS),
+    st.sampled_from([1, 256, 2**32]) | st.integers(1, 2**32),
+    st.sampled_from([0, 1, 32]).flatmap(lambda n: st.binary(min_size=n, max_size=n)),
+)
+
+
 @st.composite
 def codec_parameters(draw, level=LEVELS[2]):
     """(codec, parameters) of a track of counts."""
-    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "coded knots", "LPCX"]))
+    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "coded knots", "LPCX", "MDCT"]))
+    if codec == "MDCT":
+        return codec, draw(transforms)
     if codec == "LPCX":
         return codec, ExactParameters(draw(st.integers(0, 1)))
     if codec == "KNOT":
@@ -431,7 +443,8 @@ def noise_models(draw, parameters):
 def packets(draw, track_id=0):
     """(track, packets in order of time, the counts or words of each) at level 1."""
     level = LEVELS[1]
-    kind = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "coded knots", "LPCX", "NOIS"]))
+    names = ["KNOT", "QUAN", "RAWB", "LPCR", "coded knots", "LPCX", "MDCT", "NOIS"]
+    kind = draw(st.sampled_from(names))
     start, made, numbers = draw(st.sampled_from([0, 0, 7, 2**40])), [], []
     if kind == "RAWB":
         number_format, size, array = draw(raw_arrays())
@@ -463,6 +476,14 @@ def packets(draw, track_id=0):
         coded = encode_indices(counts, Predictor())
         beside = encode_exact(x, parameters, Affine(), counts, recall=True)
         arrays = [(build_varint(len(coded)) + coded + beside, len(counts), counts[:, None])]
+    elif kind == "MDCT":
+        number_format, parameters, count = "counts", draw(transforms), draw(st.integers(1, 2))
+        span = draw(st.integers(1, 200))
+        x = np.random.default_rng(span).integers(-(2**12), 2**12, (span, count))
+        parts = [encode_row(column, parameters) for column in x.T.astype(np.float64)]
+        data = join_components(parts)
+        widest = -(1 << 23), (1 << 23) - 1
+        arrays = [(data, span, decode_within(data, parameters, span, count, level, 0, *widest))]
     elif kind == "NOIS":
         number_format, parameters = "counts", draw(noise_parameters())
         arguments, given, span = draw(noise_models(parameters))

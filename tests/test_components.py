@@ -16,6 +16,7 @@ from component_programs import (
     classes,
     codebook,
     coded_knots,
+    cosine,
     division,
     entropy_coder,
     evnt,
@@ -38,6 +39,9 @@ from component_programs import (
     sine,
     strings,
     svarint,
+    transform,
+    transform_steps,
+    transformed,
     varint,
 )
 from spec import REQUIREMENTS
@@ -176,6 +180,7 @@ PROGRAMS = {
     "codebook": codebook, "quan": quan, "rawb": rawb, "evnt": evnt, "sine": sine, "predictor": predictor, "grid": grid,
     "noise": noise, "noise-gains": noise_gains, "lattice": lattice, "nois": nois,
     "lpcr": lpcr_packet, "exact-values": exact_values, "places": places, "lpcx": lpcx,
+    "cosine": cosine, "mdct-steps": transform_steps, "transform": transform, "mdct": transformed,
     "cluster": cluster, "clock-chunks": clock_chunk, "clock-maps": clock_map, "times": times,
     "digest": digest, "salvage": salvage, "contract": contract, "deviation": deviation,
 }  # fmt: skip

@@ -246,6 +246,16 @@ def test_raw(fault):
     assert_reported(fault)
 
 
+@each("MDC")
+def test_transforms(fault):
+    """
+    MDC-001: m MUST be 5 to 9, and `step` 1 to 2^32. n is 0 or a power of two, at most 128 and at most M.
+    MDC-002: |b| MUST be at most the count bound (clause 12), and K at most M.
+    MDC-003: In each block the sum of all |X[k]| MUST be at most 2^36.
+    """
+    assert_reported(fault)
+
+
 @each("LIM")
 def test_limits(fault):
     """

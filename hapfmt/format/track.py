@@ -41,7 +41,7 @@ from .wire import (
 KINDS = ("full", "lf", "hf", "events")
 NUMBER_FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
 WORD_SIZES = {"int64": 8, "uint64": 8, "binary16": 2, "binary32": 4, "binary64": 8}
-CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "LPCX", "EVNT", "NOIS")
+CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "LPCX", "MDCT", "EVNT", "NOIS")
 SYNTHETIC = "NOIS"
 """Its counts come from a model of the texture (SPEC 9.10)."""
 

@@ -3,9 +3,10 @@
 The twins run if the environment has ``HAPFMT_PURE=1``, or if a C source is newer than the build.
 This module declares the types of the C functions. Each .c file has the functions of one codec or
 search, and names its twin. Those of codecs/ are lpcr, knots, knots_coded, huffman (QUAN), exact
-(LPCX), noise (NOIS) and levels (grids). Those of encoder/ are select, tube, sweep, links, quick and
-vectors. Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the one
-before. lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
+(LPCX), transform (MDCT), noise (NOIS) and levels (grids). Those of encoder/ are select, tube,
+sweep, links, quick, trellis and vectors.
+Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the one before.
+lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
 """
 
 from __future__ import annotations
@@ -214,6 +215,54 @@ class CorrectionLoop(Protocol):
     ) -> tuple[int, int]: ...
 
 
+class TransformDecode(Protocol):
+    """(coded bytes, waves float64 [size, size], window int64 [2, size / 2], steps int64 [coded
+    coefficients], classes, start, base, least and largest count, counts int32) -> (status, bytes
+    read); the last argument is filled."""
+
+    def __call__(
+        self,
+        coded: Buffer,
+        waves: Buffer,
+        window: Buffer,
+        steps: Buffer,
+        classes: int,
+        start: int,
+        base: int,
+        low: int,
+        high: int,
+        counts: Buffer,
+        /,
+    ) -> tuple[int, int]: ...
+
+
+class TransformEncode(Protocol):
+    """(levels int64 [blocks, coded coefficients], coded coefficients, classes, start, coded bytes)
+    -> how many these are; the last argument is filled if it has room for them."""
+
+    def __call__(
+        self, levels: Buffer, count: int, classes: int, start: int, coded: Buffer, /
+    ) -> int: ...
+
+
+class Trellis(Protocol):
+    """(targets int64 [blocks, coefficients], coefficients, classes, start, weight, magnitudes int64
+    [blocks, coefficients], counts int64 [2, 36, 16]); the last two are filled, the last one from
+    zeros."""
+
+    def __call__(
+        self,
+        targets: Buffer,
+        count: int,
+        classes: int,
+        start: int,
+        weight: int,
+        magnitudes: Buffer,
+        counts: Buffer,
+        /,
+    ) -> None: ...
+
+
 class Estimate(Protocol):
     """(coefficients int32, difference, repeats, counted, stride, base, limit, indices int64, counts
     int64 [15]) -> 256 times the bits, or -1; the counts are filled. encoder/predict.py says more.
@@ -330,6 +379,12 @@ class Kernels(Protocol):
     def coded_knots_decode(self) -> CodedKnotsDecode: ...
     @property
     def coded_knots_encode(self) -> CodedKnotsEncode: ...
+    @property
+    def mdct_decode(self) -> TransformDecode: ...
+    @property
+    def mdct_encode(self) -> TransformEncode: ...
+    @property
+    def mdct_trellis(self) -> Trellis: ...
     @property
     def estimate(self) -> Estimate: ...
     @property

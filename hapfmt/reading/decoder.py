@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs import knots, noise, predicted, quantised
+from ..codecs import knots, noise, predicted, quantised, transform
 from ..codecs.events import CodedEvent, decoded, parse_events
 from ..codecs.exact import ExactParameters, decode_counts, decode_exact, parse_parameters
 from ..codecs.grids import LpcParameters
@@ -23,6 +23,7 @@ from ..codecs.knots import KnotParameters
 from ..codecs.noise import NoiseParameters
 from ..codecs.quantised import QuanParameters
 from ..codecs.raw import DTYPES, RawParameters, decode_raw
+from ..codecs.transform import TransformParameters
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..format.cluster import Packet
 from ..format.layout import COVERED_SPAN
@@ -33,7 +34,13 @@ from .catalogue import ChannelRef, TrackPair
 
 Exact = tuple[ExactParameters, ...]
 Parameters = (
-    KnotParameters | QuanParameters | RawParameters | LpcParameters | NoiseParameters | Exact
+    KnotParameters
+    | QuanParameters
+    | RawParameters
+    | LpcParameters
+    | TransformParameters
+    | NoiseParameters
+    | Exact
 )
 
 
@@ -73,6 +80,8 @@ class TrackDecoder:
                 return self.parse_codebook()
             if track.codec == "LPCR":
                 return LpcParameters.parse(track.parameters, self.level, track.offset)
+            if track.codec == "MDCT":
+                return TransformParameters.parse(track.parameters, track.offset)
             if track.codec == "LPCX":
                 lossy = track.contract or any(c.deviation for c in track.components)
                 if track.kind != "full" or lossy:
@@ -149,6 +158,11 @@ class TrackDecoder:
                 )  # fmt: skip
             if isinstance(parameters, LpcParameters):
                 return predicted.decode_within(
+                    packet.data, parameters, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
+            if isinstance(parameters, TransformParameters):
+                return transform.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip

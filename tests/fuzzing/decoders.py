@@ -18,9 +18,10 @@ import numpy as np
 import singles
 from numpy.typing import NDArray
 
-from hapfmt.codecs import exact, knots, noise, predicted, quantised, raw
+from hapfmt.codecs import exact, knots, noise, predicted, quantised, raw, transform
 from hapfmt.codecs.exact import ExactParameters
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
+from hapfmt.encoder.transform import encode_row
 from hapfmt.format.track import Affine
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS, Level
@@ -179,6 +180,14 @@ def lpcr(data: bytes) -> None:
         assert (predicted.decode_indices(again, ask.span, limit, AT) == indices).all()
 
 
+def mdct(data: bytes) -> None:
+    ask = asked(data)
+    parameters = ask and settled(transform.TransformParameters.parse, ask.parameters, AT)
+    if ask and parameters:
+        assert parameters.build() == ask.parameters
+        decode(transform, ask, parameters)
+
+
 AFFINES = (
     Affine(1, 0, 10),
     Affine(1, 0, 1 << 40),
@@ -302,6 +311,20 @@ def of_lpcr() -> Iterable[bytes]:
     yield given(plain, predicted.join_components(packets), 40, 3)
 
 
+def of_mdct() -> Iterable[bytes]:
+    x = wave(70)[:, 0]
+    for m, step, weights in ((5, 256, b""), (6, 9000, b"\x10\x40"), (9, 1 << 32, b"")):
+        parameters = transform.TransformParameters(1 << m, step, weights)
+        yield given(parameters.build(), encode_row(x.astype(np.float64), parameters), 70)
+    plain = transform.TransformParameters(32, 1)
+    for classes, start in ((0, 0), (0xE5, 163)):
+        levels = np.array([[1 << 30, -1, 0, 5], [0, 0, 0, 0], [-9, 1, 1 << 20, -2]])
+        packet = transform.encode_component(-9, levels, classes, start)
+        yield given(plain.build(), packet, 90, level=2)
+    parts = [transform.encode_component(5, levels[:2, :width], 0, 12) for width in (0, 3)]
+    yield given(plain.build(), bytes([len(parts[0])]) + b"".join(parts), 40, 2, narrow=1)
+
+
 def made(reference: tuple[int, tuple[int, int, int]]) -> Any:
     from hapfmt.codecs.predicted import Reference
 
@@ -362,6 +385,7 @@ DECODERS = [
     Target("quan", quan, of_quan),
     Target("rawb", rawb, of_rawb),
     Target("lpcr", lpcr, of_lpcr),
+    Target("mdct", mdct, of_mdct),
     Target("lpcx", lpcx, of_lpcx),
     Target("nois", nois, of_nois),
 ]
