@@ -126,8 +126,6 @@ def test_a_model_takes_few_bits_and_has_the_power_of_the_texture():
 def test_table_of_models(capsys):
     (sand,) = rates.simulated(2.0)
     rates.print_models([rates.curves_of(sand, ["LPCR"])])
-    header, _, row = (
-        line for line in capsys.readouterr().out.splitlines() if line.startswith("|")
-    )
+    header, _, row = (line for line in capsys.readouterr().out.splitlines() if line.startswith("|"))
     assert "NOIS bit/s" in header and "simulated sand" in row
     assert header.count("|") == row.count("|")

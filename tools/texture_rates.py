@@ -41,8 +41,8 @@ from hapfmt.encoder.plan import Promise
 from hapfmt.encoder.predict import encode_best, fitting_packets
 from hapfmt.encoder.settings import FORCE_WEBER, Tolerance
 from hapfmt.encoder.source import InputBlock
-from hapfmt.encoder.transform import encode_row
 from hapfmt.encoder.synthetic import code_texture
+from hapfmt.encoder.transform import encode_row
 from hapfmt.encoder.unit import ENCODE_LEVEL, bound_of, decode_all, whole_range
 from hapfmt.format.track import Component
 from hapfmt.lab.scenes import load_scene, simulate
@@ -184,10 +184,14 @@ def mdct(size: int, gamma: float, texture: Texture, step: float) -> Coded:
     packet_size, parts = 0, []
     for start in range(0, x.size, LONGEST):
         rows = np.rint(x[start : start + LONGEST])
-        data = encode_row(rows, parameters)
+        try:
+            data = encode_row(rows, parameters)
+        except ValueError:
+            # The step is too fine for the codec.
+            return Coded(inf, texture.x)
         packet_size += len(data)
         y = np.empty(rows.size, np.int32)
-        decode_component(data, parameters, rows.size, LEVELS[2], 0, -COUNT, COUNT - 1, y)
+        decode_component(data, parameters, LEVELS[2], 0, -COUNT, COUNT - 1, y)
         parts.append(y)
     return Coded(8 * packet_size / x.size, np.concatenate(parts) * (step / FINE))
 
