@@ -36,10 +36,23 @@ def test_more_coefficients_cost_more_and_come_nearer(short):
     assert taken.error_db <= taken.own_db
 
 
+def test_every_codec_is_beside_the_model(short):
+    rows = [model.Beside(*row) for row in short.tables[1].rows]
+    assert {row.codec for row in rows} == {model.MODEL, *model.SHOWN}
+    assert len(short.tables[1].headers) == len(model.Beside._fields)
+    made = next(row for row in rows if row.codec == model.MODEL)
+    assert made.snr_db < 0
+    for codec in model.SHOWN:
+        own = [row for row in rows if row.codec == codec]
+        assert own[0].bits_per_s < own[-1].bits_per_s and own[0].error_db > own[-1].error_db
+        assert own[-1].snr_db > 15
+
+
 def test_data_is_json_and_the_first_sentence_a_finding(short):
-    assert len(json.loads(json.dumps(plain(short.data), allow_nan=False))) == len(
-        short.tables[0].rows
-    )
+    found = json.loads(json.dumps(plain(short.data), allow_nan=False))
+    assert [len(found[name]) for name in ("orders", "beside")] == [
+        len(table.rows) for table in short.tables
+    ]
     assert short.text.startswith("A model of ") and "nan" not in short.text
     if find_spec("matplotlib"):
         assert all(figure.svg.startswith("<svg") for figure in short.figures)

@@ -4,31 +4,58 @@ paper names as future work."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from itertools import product
 from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
 import texture_rates
-from texture_rates import FINE, SAMPLES, Texture, counts_of
+from texture_rates import APART_S, SAMPLES, Coded, Texture, nois, slow_track
 
-import hapfmt
-from hapfmt.encoder.source import InputBlock
-from hapfmt.encoder.synthetic import code_texture
-from hapfmt.encoder.unit import ENCODE_LEVEL, decode_all, whole_range
-from hapfmt.format.track import Component
-from hapfmt.metrics import band_energy_error_db
-from hapfmt.recording import Span
+from hapfmt.metrics import band_energy_error_db, snr_hf_db
 from hapfmt.split import low_pass
-from report.section import PALE, CannotRunError, Figure, Options, Section, Table, drawn
+from report.section import (
+    COLOURS,
+    MARKERS,
+    PALE,
+    CannotRunError,
+    Figure,
+    Options,
+    Section,
+    Table,
+    drawn,
+)
 
 ORDERS = (0, 1, 2, 4, 6, 8, 12, 16, 24, 32)
-APART_S = 0.5
-"""A texture is compared with itself, this much later: a model need not be better than that."""
-
 COLUMNS = 3
 HEADERS = ["recording", "rate, Hz", "order", "bit/s", "error of band energies, dB",
            "the texture itself 0.5 s later, dB", "order of the encoder"]  # fmt: skip
+
+
+SHARES = (4.0, 2.0, 1.0, 0.5, 0.25)
+"""Steps of the coded textures, as shares of the standard deviation above 20 Hz."""
+
+THRESHOLD = "1%"
+"""The threshold of the deadband of the slow part below a model."""
+
+SHOWN = ("paper", "LPCR", "MDCT")
+
+MODEL = "model"
+BESIDE = ["recording", "codec", "step / standard deviation", "bit/s", "error of band energies, dB",
+          "SNR above 20 Hz, dB"]  # fmt: skip
+
+
+class Beside(NamedTuple):
+    """A codec with one step, slow part included."""
+
+    name: str
+    codec: str
+    share: float | None
+    """None: a model has no step."""
+
+    bits_per_s: float
+    error_db: float
+    snr_db: float
 
 
 class Modelled(NamedTuple):
@@ -45,15 +72,23 @@ class Modelled(NamedTuple):
 
 
 def section(options: Options) -> Section:
-    found = [row for texture in textures(options) for row in modelled(texture)]
+    found: list[Modelled] = []
+    others: list[Beside] = []
+    for texture in textures(options):
+        found += modelled(texture)
+        others += beside(texture)
+        options.progress(f"model: {texture.name}")
     if not found:
         raise CannotRunError("no texture could be measured")
     return Section(
         "Texture from a model",
-        text_of(found),
-        [Table("Order of the model, size and quality", HEADERS, [list(row) for row in found])],
-        [picture(found)],
-        [row._asdict() for row in found],
+        text_of(found, others),
+        [
+            Table("Order of the model, size and quality", HEADERS, [list(row) for row in found]),
+            Table("A model and coded textures", BESIDE, [list(row) for row in others]),
+        ],
+        [picture(found), picture_beside(others)],
+        {"orders": [row._asdict() for row in found], "beside": [r._asdict() for r in others]},
     )
 
 
@@ -66,35 +101,40 @@ def textures(options: Options) -> Iterator[Texture]:
 
 def modelled(texture: Texture) -> Iterator[Modelled]:
     """The HF track alone, at each order. The slow part is kept as it is."""
-    step = texture.level / FINE
     slow = low_pass(texture.x, texture.rate_hz)
-    counts = counts_of(texture._replace(x=texture.x - slow), step)
-    channel = hapfmt.Channel(counts, texture.rate_hz, calibration=hapfmt.Calibration(1, 0, 1))
-    source = InputBlock((channel,), counts[:, None], (Span(0, counts.size),))
-    widest = 1 << (ENCODE_LEVEL.residual_bits - 1)
-    track = replace(
-        whole_range(source, 0), kind="hf", base=0, components=(Component(),), count_min=-widest,
-        count_max=widest - 1,
-    )  # fmt: skip
     later = ceil(APART_S * texture.rate_hz)
     own = band_energy_error_db(texture.x[:-later], texture.x[later:], texture.rate_hz)
-    best = code_texture(source, counts, 0.0, track).packets[0].data
-    chosen = best[0] if best else 0
+    _, chosen = nois(texture)
     for order in sorted({*ORDERS, chosen}):
-        coded = code_texture(source, counts, 0.0, track, order)
-        y = slow + decode_all(coded, 1)[:, 0] * step
+        coded, _ = nois(texture, order)
         yield Modelled(
             texture.name,
             texture.rate_hz,
             order,
-            8 * coded.size * texture.rate_hz / counts.size,
-            band_energy_error_db(texture.x, y, texture.rate_hz),
+            coded.bits * texture.rate_hz,
+            band_energy_error_db(texture.x, slow + coded.y, texture.rate_hz),
             own,
             order == chosen,
         )
 
 
-def text_of(found: Sequence[Modelled]) -> str:
+def beside(texture: Texture) -> Iterator[Beside]:
+    """The model, and codecs of tools/texture_rates.py with each step, in their smallest way."""
+    found: list[tuple[str, float | None, Coded]] = []
+    bits, slow = slow_track(texture, THRESHOLD)
+    fast, _ = nois(texture)
+    found.append((MODEL, None, Coded(bits + fast.bits, slow + fast.y)))
+    for codec, share in product(SHOWN, SHARES):
+        ways = texture_rates.CODECS[codec]
+        each = [way(texture, share * texture.level) for way in ways]
+        found.append((codec, share, min(each, key=lambda coded: coded.bits)))
+    for codec, share, coded in found:
+        error = band_energy_error_db(texture.x, coded.y, texture.rate_hz)
+        snr = snr_hf_db(texture.x, coded.y, texture.rate_hz)
+        yield Beside(texture.name, codec, share, coded.bits * texture.rate_hz, error, snr)
+
+
+def text_of(found: Sequence[Modelled], others: Sequence[Beside]) -> str:
     taken = [row for row in found if row.chosen]
     better = sum(row.error_db <= row.own_db for row in taken)
     least, most = (f(row.bits_per_s for row in taken) for f in (min, max))
@@ -114,8 +154,28 @@ def text_of(found: Sequence[Modelled]) -> str:
         "that is kept as it is. The noise is another one than that of the recording, so measures "
         "of samples (SNR, ST-SIM) do not apply. `band_energy_error_db` compares the energies of "
         "ten bands in blocks of 128 ms.",
+        f"* **Beside coded textures.** {cheapest(others)} A coded texture also keeps the samples, "
+        "and a model does not: its SNR is below 0 dB.",
     ]
     return "\n\n".join([lines[0], "\n".join(lines[1:])])
+
+
+def cheapest(others: Sequence[Beside]) -> str:
+    """What coded textures need for band energies as near as those of the model."""
+    ratios = []
+    for model in (row for row in others if row.codec == MODEL):
+        rates = [
+            row.bits_per_s for row in others
+            if row.name == model.name and row.codec != MODEL and row.error_db <= model.error_db
+        ]  # fmt: skip
+        if rates:
+            ratios.append(min(rates) / model.bits_per_s)
+    if not ratios:
+        return "No coded texture has band energies as near as those of the model."
+    return (
+        f"For band energies as near as those of the model, the smallest coded texture takes "
+        f"{np.median(ratios):.1f} times the bits (median; {len(ratios)} textures)."
+    )
 
 
 def mean_at(found: Sequence[Modelled], order: int) -> float:
@@ -154,5 +214,45 @@ def picture(found: Sequence[Modelled]) -> Figure:
         "Each mark is one order; the bold one is what the encoder takes. The dashed line is the "
         "recorded texture against itself half a second later.",
         draw, width=3.6 * columns, height=0.6 + 2.2 * lines, panels=(lines, columns),
+        squeeze=False,
+    )  # fmt: skip
+
+
+def picture_beside(others: Sequence[Beside]) -> Figure:
+    """Rate against the error of band energies, a panel for each recording."""
+    names = list(dict.fromkeys(row.name for row in others))
+    codecs = list(dict.fromkeys(row.codec for row in others))
+    columns = min(COLUMNS, len(names))
+    lines = ceil(len(names) / columns)
+
+    def draw(panels: Any) -> None:
+        flat = list(panels.flat)
+        for axes in flat[len(names) :]:
+            axes.set_visible(False)
+        for axes, name in zip(flat, names, strict=False):
+            for place, codec in enumerate(codecs):
+                rows = [row for row in others if (row.name, row.codec) == (name, codec)]
+                axes.plot(
+                    [row.bits_per_s / 1000 for row in rows], [row.error_db for row in rows],
+                    color=COLOURS[place], marker=MARKERS[place], label=codec,
+                )  # fmt: skip
+            axes.set_xscale("log")
+            low, high = axes.get_xlim()
+            ticks = [t for t in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low <= t <= high]
+            axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
+            axes.set_xticks([], minor=True)
+            axes.set_ylim(bottom=0)
+            axes.set_title(name, fontsize=8.5)
+            axes.tick_params(labelsize=7)
+        handles, labels = flat[0].get_legend_handles_labels()
+        flat[0].figure.legend(handles, labels, loc="outside upper center", ncols=6)
+        flat[0].figure.supxlabel("kbit/s", fontsize=9)
+        flat[0].figure.supylabel("error of band energies, dB", fontsize=9)
+
+    return drawn(
+        "A model and coded textures",
+        f"All with their slow part; its deadband has a threshold of {THRESHOLD} of the range. "
+        "A mark of a coded texture is one step of its quantiser.",
+        draw, width=3.6 * columns, height=0.9 + 2.2 * lines, panels=(lines, columns),
         squeeze=False,
     )  # fmt: skip
