@@ -252,8 +252,8 @@ def is_ours(crate: Path) -> bool:
 def write_bag(root: Path, about: DepositFacts, processes: int) -> dict[str, Any]:
     """Makes the folder a bag of BagIt 1.0 with SHA-256 manifests, and says what it holds.
 
-    The tag files are complete before a file moves, and ``bagit.txt`` gets its place last. So what
-    an interruption leaves is no bag, and :func:`unpack_unfinished` undoes it.
+    The tag files are complete before a file moves, and ``bagit.txt`` gets its place last. After
+    an interruption the folder lacks it, and :func:`unpack_unfinished` undoes every step.
     """
     module = bagit()
     names = sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
