@@ -219,6 +219,7 @@ class TestTwins:
         expected = by_the_twin(encoder, trellis, targets, *coding, weight)
         assert found.magnitudes.tolist() == expected.magnitudes.tolist()
         assert found.seen.tolist() == expected.seen.tolist()
+        assert found.cost == expected.cost
         assert isinstance(found, Quantised) and found.seen.sum() == targets.size
 
     def test_magnitudes_of_34_bits_are_refused(self):
@@ -259,6 +260,19 @@ class TestEncoder:
         y = decode_within(data, given, x.size, 1, ONE, 0, *WIDE)[:, 0]
         unit = 40**2 * size / 2
         assert 0.2 * unit < ((y - x) ** 2).mean() < 0.35 * unit
+
+    @pytest.mark.parametrize("columns", [1, 2, 3])
+    def test_last_coefficients_that_become_0_leave_the_others_alone(self, columns):
+        """Each 0 that is coded changes the state of the quantisers too."""
+        coefficients = np.zeros((9, 32))
+        coefficients[:, : columns + 1] = np.random.default_rng(columns).normal(0, 999, columns + 1)
+        coefficients[4, columns:] = 1.02 * 256
+        data = encoder.encode_coefficients(0, coefficients, TransformParameters(32, 256))
+        header, at = codec.parse_header(data, 32, ONE, 0)
+        decoded = np.zeros((9, 32))
+        steps = [256] * header.kept
+        codec.decode_coefficients(data[at:], steps, header.classes, header.start, decoded, at)
+        assert np.abs(decoded - coefficients).max() <= 2 * 256 and header.kept < 32
 
     def test_silence_takes_two_bytes(self):
         assert encode_row(np.full(5000, 7.0), TransformParameters(64, 100)) == b"\x0e\0"

@@ -18,7 +18,7 @@ static int all_below(const int64_t *numbers, Py_ssize_t count, int bits, int neg
 }
 
 /* (targets int64 [blocks, count], count, classes, start, weight, magnitudes int64 [blocks, count],
-   counts int64 [2, 36, 16]) */
+   counts int64 [2, 36, 16]) -> squared errors, and bits times the weight */
 static PyObject *mdct_trellis(PyObject *self, PyObject *args)
 {
     (void)self;
@@ -30,6 +30,7 @@ static PyObject *mdct_trellis(PyObject *self, PyObject *args)
     PyObject *result = NULL;
     neighbours n;
     column *columns = NULL;
+    int64_t total = 0;
     if (!valid_coding(count, classes, start, &targets) || !whole(&magnitudes, 8) || !whole(&seen, 8) ||
         magnitudes.len != targets.len || seen.len != 8 * CODES || weight < 0 || weight > WEIGHT_MOST ||
         !all_below(targets.buf, targets.len / 8, TARGET_BITS, 0))
@@ -40,15 +41,12 @@ static PyObject *mdct_trellis(PyObject *self, PyObject *args)
         columns = malloc((size_t)count * sizeof *columns);
         if (columns) {
             neighbours_from(&n, count, count, start);
-            run_trellis(&n, tables, targets.buf, targets.len / 8 / count, weight, columns, magnitudes.buf,
-                        seen.buf);
+            total = run_trellis(&n, tables, targets.buf, targets.len / 8 / count, weight, columns,
+                                magnitudes.buf, seen.buf);
         }
         Py_END_ALLOW_THREADS
-        if (columns) {
-            Py_INCREF(Py_None);
-            result = Py_None;
-        } else
-            PyErr_NoMemory();
+        if (columns) result = PyLong_FromLongLong(total);
+        else PyErr_NoMemory();
         free(columns);
     }
     PyBuffer_Release(&targets);

@@ -70,13 +70,20 @@ static void quantise_block(const neighbours *n, const class_table *const *tables
     }
 }
 
-/* What the decoder does with the magnitudes of a block: counts their symbols, and returns the state. */
-static int follow(neighbours *n, const int64_t *out, int state, int64_t *seen)
+/* What the decoder does with the magnitudes of a block: counts their symbols, adds up what they cost, and
+   returns the state. */
+static int follow(neighbours *n, const class_table *const *tables, const int64_t *targets, const int64_t *out,
+                  int state, int64_t weight, int64_t *seen, int64_t *total)
 {
     int64_t a1 = n->mean[0], a2 = a1, *before = n->before + 1;
     for (int k = 0; k < n->count; k++) {
-        int h, c = context_by((8 * a1 + 4 * a2 + n->around[k]) >> 5, &h);
-        seen[((state & 1) * CONTEXTS + c) * SYMBOLS + magnitude_symbol((uint64_t)out[k] >> h)]++;
+        int h, c = context_by((8 * a1 + 4 * a2 + n->around[k]) >> 5, &h), quantiser = state & 1;
+        int64_t level = 2 * out[k] - quantiser, error = targets[k] - SCALED_STEP * (level > 0 ? level : 0);
+        uint64_t w = (uint64_t)out[k] >> h;
+        int symbol = magnitude_symbol(w);
+        seen[(quantiser * CONTEXTS + c) * SYMBOLS + symbol]++;
+        *total += error * error +
+                  weight * (tables[quantiser]->costs[c][symbol] + 256 * rest_bits(out[k], w, symbol, h));
         state = next_state[state][out[k] & 1];
         a2 = a1;
         a1 = before[k] = 256 * out[k];
@@ -85,10 +92,12 @@ static int follow(neighbours *n, const int64_t *out, int state, int64_t *seen)
     return state;
 }
 
-static void run_trellis(neighbours *n, const class_table *const *tables, const int64_t *targets,
-                        int64_t blocks, int64_t weight, column *columns, int64_t *out, int64_t *seen)
+/* Returns the squared errors, and the bits times the weight. */
+static int64_t run_trellis(neighbours *n, const class_table *const *tables, const int64_t *targets,
+                           int64_t blocks, int64_t weight, column *columns, int64_t *out, int64_t *seen)
 {
     int state = 0;
+    int64_t total = 0;
     for (int64_t b = 0; b < blocks; b++, targets += n->count, out += n->count) {
         int64_t most = 0;
         look_around(n);
@@ -96,8 +105,9 @@ static void run_trellis(neighbours *n, const class_table *const *tables, const i
             if (targets[k] > most) most = targets[k];
         if (most < SCALED_STEP / 2) memset(out, 0, (size_t)n->count * sizeof *out);
         else quantise_block(n, tables, targets, state, weight, columns, out);
-        state = follow(n, out, state, seen);
+        state = follow(n, tables, targets, out, state, weight, seen, &total);
     }
+    return total;
 }
 
 /* The coded bytes: how many, or how many it takes. ``codes`` and ``words`` have room for all symbols. */

@@ -4,22 +4,15 @@ paper names as future work."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from itertools import product
 from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
 import texture_rates
-from texture_rates import FINE, SAMPLES, Coded, Texture, counts_of, slow_track
+from texture_rates import APART_S, SAMPLES, Coded, Texture, nois, slow_track
 
-import hapfmt
-from hapfmt.encoder.knots import Coded as CodedTrack
-from hapfmt.encoder.source import InputBlock
-from hapfmt.encoder.synthetic import code_texture
-from hapfmt.encoder.unit import ENCODE_LEVEL, decode_all, whole_range
-from hapfmt.format.track import Component
 from hapfmt.metrics import band_energy_error_db, snr_hf_db
-from hapfmt.recording import Span
 from hapfmt.split import low_pass
 from report.section import (
     COLOURS,
@@ -34,9 +27,6 @@ from report.section import (
 )
 
 ORDERS = (0, 1, 2, 4, 6, 8, 12, 16, 24, 32)
-APART_S = 0.5
-"""A texture is compared with itself, this much later: a model need not be better than that."""
-
 COLUMNS = 3
 HEADERS = ["recording", "rate, Hz", "order", "bit/s", "error of band energies, dB",
            "the texture itself 0.5 s later, dB", "order of the encoder"]  # fmt: skip
@@ -46,7 +36,9 @@ SHARES = (4.0, 2.0, 1.0, 0.5, 0.25)
 """Steps of the coded textures, as shares of the standard deviation above 20 Hz."""
 
 THRESHOLD = "1%"
-"""The threshold of the deadband of every slow part."""
+"""The threshold of the deadband of the slow part below a model."""
+
+SHOWN = ("paper", "LPCR", "MDCT")
 
 MODEL = "model"
 BESIDE = ["recording", "codec", "step / standard deviation", "bit/s", "error of band energies, dB",
@@ -112,51 +104,30 @@ def modelled(texture: Texture) -> Iterator[Modelled]:
     slow = low_pass(texture.x, texture.rate_hz)
     later = ceil(APART_S * texture.rate_hz)
     own = band_energy_error_db(texture.x[:-later], texture.x[later:], texture.rate_hz)
-    best = code_model(texture).packets[0].data
-    chosen = best[0] if best else 0
+    _, chosen = nois(texture)
     for order in sorted({*ORDERS, chosen}):
-        bits, fast = model_of(texture, order)
+        coded, _ = nois(texture, order)
         yield Modelled(
             texture.name,
             texture.rate_hz,
             order,
-            bits * texture.rate_hz,
-            band_energy_error_db(texture.x, slow + fast, texture.rate_hz),
+            coded.bits * texture.rate_hz,
+            band_energy_error_db(texture.x, slow + coded.y, texture.rate_hz),
             own,
             order == chosen,
         )
 
 
-def code_model(texture: Texture, order: int | None = None) -> CodedTrack:
-    """The track of what is above 20 Hz. order: None, the one that the encoder takes."""
-    fast = texture.x - low_pass(texture.x, texture.rate_hz)
-    counts = counts_of(texture._replace(x=fast), texture.level / FINE)
-    channel = hapfmt.Channel(counts, texture.rate_hz, calibration=hapfmt.Calibration(1, 0, 1))
-    source = InputBlock((channel,), counts[:, None], (Span(0, counts.size),))
-    widest = 1 << (ENCODE_LEVEL.residual_bits - 1)
-    track = replace(
-        whole_range(source, 0), kind="hf", base=0, components=(Component(),), count_min=-widest,
-        count_max=widest - 1,
-    )  # fmt: skip
-    return code_texture(source, counts, 0.0, track, order)
-
-
-def model_of(texture: Texture, order: int | None = None) -> tuple[float, Any]:
-    """Bits a sample of a model, and the texture that it gives."""
-    coded = code_model(texture, order)
-    fast = decode_all(coded, 1)[:, 0] * (texture.level / FINE)
-    return 8 * coded.size / fast.size, fast
-
-
 def beside(texture: Texture) -> Iterator[Beside]:
-    """The model, and every codec of tools/texture_rates.py with each step."""
+    """The model, and codecs of tools/texture_rates.py with each step, in their smallest way."""
     found: list[tuple[str, float | None, Coded]] = []
     bits, slow = slow_track(texture, THRESHOLD)
-    fast_bits, fast = model_of(texture)
-    found.append((MODEL, None, Coded(bits + fast_bits, slow + fast)))
-    for codec, ways in texture_rates.CODECS.items():
-        way = ways[0] if len(ways) == 1 else ways[texture_rates.THRESHOLDS.index(THRESHOLD)]
-        found += [(codec, share, way(texture, share * texture.level)) for share in SHARES]
+    fast, _ = nois(texture)
+    found.append((MODEL, None, Coded(bits + fast.bits, slow + fast.y)))
+    for codec, share in product(SHOWN, SHARES):
+        ways = texture_rates.CODECS[codec]
+        each = [way(texture, share * texture.level) for way in ways]
+        found.append((codec, share, min(each, key=lambda coded: coded.bits)))
     for codec, share, coded in found:
         error = band_energy_error_db(texture.x, coded.y, texture.rate_hz)
         snr = snr_hf_db(texture.x, coded.y, texture.rate_hz)
