@@ -201,7 +201,7 @@ class TickIndex(CoordinateTransformIndex):
         if not np.all(there):
             missing = np.atleast_1d(wanted)[~np.atleast_1d(there)]
             raise KeyError(
-                f"no sample at {float(missing[0])!r} s; method='nearest' takes the next one"
+                f"no sample at {float(missing[0])!r} s; method='nearest' takes the nearest one"
             )
         return np.asarray(places)
 
@@ -367,6 +367,8 @@ def attributes(channel: Any) -> dict[str, Any]:
     if channel.deviation is not None:
         about["declared_error"] = channel.deviation.declared
         about["largest_error"] = channel.deviation.largest
+    if channel.synthetic:
+        about["texture"] = "synthetic"
     return about
 
 
@@ -410,11 +412,25 @@ class DatasetVariable(NamedTuple):
 def rate_names(rates: Iterable[Fraction]) -> dict[Fraction, str]:
     """1000 Hz -> "1000Hz": names of groups, and after "time_" of dimensions."""
     rates = list(dict.fromkeys(rates))
-    names = [f"{float(rate):.6g}Hz" for rate in rates]
+    names = [_short(rate) for rate in rates]
     return {
-        rate: name if names.count(name) == 1 else f"{rate.numerator}_{rate.denominator}Hz"
+        rate: name if names.count(name) == 1 else _exact(rate)
         for rate, name in zip(rates, names, strict=True)
     }
+
+
+def _short(rate: Fraction) -> str:
+    return f"{float(rate):.6g}Hz"
+
+
+def _exact(rate: Fraction) -> str:
+    return f"{rate.numerator}_{rate.denominator}Hz"
+
+
+def time_names(rates: Iterable[Fraction]) -> list[str]:
+    """All names that times of these rates may have, in any group."""
+    found = {f"time_{name}": None for rate in rates for name in (_short(rate), _exact(rate))}
+    return ["time", *found]
 
 
 def dataset_of(

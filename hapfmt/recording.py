@@ -518,8 +518,11 @@ def to_pandas(recording: Recording) -> Any:
         raise MissingExtraError("pandas", "pandas") from None
     x = recording.to_numpy()
     index = pandas.Index(recording.times(), name="time")
-    frame = pandas.DataFrame(x.T, index=index, columns=recording.labels)
-    frame.attrs["units"] = {channel.label: channel.unit for channel in recording}
+    names = column_names(recording.labels)
+    frame = pandas.DataFrame(x.T, index=index, columns=names)
+    frame.attrs["units"] = {
+        name: channel.unit for name, channel in zip(names, recording, strict=True)
+    }
     if recording.epoch_ns is not None:
         frame.attrs["epoch_ns"] = recording.epoch_ns
     return frame
@@ -530,7 +533,7 @@ def to_xarray(recording: Recording) -> Any:
         import xarray  # noqa: F401
     except ImportError:
         raise MissingExtraError("xarray", "xarray") from None
-    from .datasets import About, DatasetVariable, clock_maps, dataset_of
+    from .datasets import About, DatasetVariable, clock_maps, dataset_of, time_names
 
     by_rate: dict[Fraction, list[Channel]] = {}
     for channel in recording:
@@ -544,11 +547,10 @@ def to_xarray(recording: Recording) -> Any:
             f"the channels with their gaps have more than {GAPPY_TICKS} values; take a part: "
             "rec.sel(start=..., stop=...), or xarray.open_dataset(file), which reads on demand"
         )
+    names = variable_names(recording.labels, time_names(extents))
     signals = [
         DatasetVariable(name, number, channel, channel.filled(*extents[channel.rate_exact]))
-        for number, (name, channel) in enumerate(
-            zip(variable_names(recording.labels), recording, strict=True)
-        )
+        for number, (name, channel) in enumerate(zip(names, recording, strict=True))
     ]
     maps = clock_maps(recording.clocks, recording.clock_maps)
     about = About(
@@ -586,7 +588,7 @@ def to_arrow(recording: Recording) -> Any:
 
 def column_names(labels: Sequence[str]) -> list[str]:
     """Names of the columns of channels, which differ from each other and from "time"."""
-    return unique(["time", *variable_names(labels)], [])[1:]
+    return variable_names(labels, ["time"])
 
 
 def gap_mask(channel: Channel, first: int, last: int) -> NDArray[np.bool_]:
@@ -597,9 +599,11 @@ def gap_mask(channel: Channel, first: int, last: int) -> NDArray[np.bool_]:
     return missing
 
 
-def variable_names(labels: Sequence[str]) -> list[str]:
-    """Labels, each once; a channel without one is called by its number: ch1, ch2 ..."""
-    return unique([label or f"ch{number}" for number, label in enumerate(labels, 1)], [])
+def variable_names(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
+    """Labels, each once and none of those ``taken``; a channel without one is called by its number:
+    ch1, ch2 ..."""
+    own = [label if label.strip() else f"ch{number}" for number, label in enumerate(labels, 1)]
+    return unique([*taken, *own], [])[len(taken) :]
 
 
 def unique(labels: Sequence[str], notes: list[str]) -> list[str]:
@@ -757,6 +761,9 @@ class Channel:
     exact
         float64 [sample_count] or None: the recorded doubles, bit for bit, where the counts alone
         do not give them.
+    synthetic
+        whether the texture comes from a model: it resembles the recorded one, and its samples are
+        others. A codec of a file says so (``hapfmt encode --synthetic-texture``).
     """
 
     stored: NDArray[Any]
@@ -773,6 +780,7 @@ class Channel:
     deviation: Deviation | None = None
     lsb: float | None = None
     exact: NDArray[np.float64] | None = None
+    synthetic: bool = False
 
     def __init__(
         self,
@@ -790,6 +798,7 @@ class Channel:
         deviation: Deviation | None = None,
         lsb: float | None = None,
         exact: NDArray[np.float64] | None = None,
+        synthetic: bool = False,
         *,
         rate_exact: Rate | None = None,
         values: NDArray[Any] | None = None,
@@ -815,6 +824,7 @@ class Channel:
         put("deviation", deviation)
         put("lsb", lsb)
         put("exact", exact)
+        put("synthetic", synthetic)
         if self.stored.ndim != 1:
             raise ParameterError("a channel's values are one-dimensional")
         if self.rate_exact <= 0:
@@ -991,6 +1001,7 @@ class Channel:
         if self.calibration is not None:
             kind = f"counts of {float(abs(self.calibration.step)):.6g}"
             kind += " and float64 corrections" if self.exact is not None else ""
+        kind += "; synthetic texture" if self.synthetic else ""
         gaps = f", {len(self.gaps)} gap{'s' * (len(self.gaps) > 1)}" if self.gaps else ""
         return (
             f"Channel {_short(self.label)!r}: {self.stored.size} samples at {self.rate:.6g} Hz, "
@@ -1360,6 +1371,7 @@ class Recording:
     def to_pandas(self) -> Any:
         """A pandas.DataFrame: one column for each channel, NaN in gaps, seconds as index.
 
+        Each column has another name: a second "x" becomes "x (2)", and "time" becomes "time (2)".
         ``frame.attrs["units"]`` is {column: unit}, ``frame.attrs["epoch_ns"]`` is the UTC time of
         second 0. All channels need one rate; ``to_xarray()`` takes several. Needs the extra
         "pandas". Raises ParameterError, LimitError, MissingExtraError.
@@ -1380,6 +1392,7 @@ class Recording:
         """An xarray.Dataset: one variable for each channel, NaN in gaps.
 
         The coordinate is "time" in seconds; channels of several rates have "time_1000Hz" ...
+        A channel with the label "time" becomes "time (2)"; ``attrs["long_name"]`` is its label.
         Attributes follow the CF conventions. Clocks are coordinates in nanoseconds.
         ``xarray.open_dataset(file)`` gives the same dataset and reads values on demand. Needs the
         extra "xarray". Raises LimitError, MissingExtraError.

@@ -10,6 +10,7 @@ import numpy as np
 from singles import decode_counts, decode_exact
 
 from hapfmt.codecs import predicted as lpcr
+from hapfmt.codecs import transform as mdct
 from hapfmt.codecs.entropy import Decoder, Lengths, ends_of
 from hapfmt.codecs.events import parse_events
 from hapfmt.codecs.exact import ExactParameters, ordered, unordered, values_of
@@ -21,6 +22,8 @@ from hapfmt.codecs.knots import (
     interpolate,
     parse_knots,
 )
+from hapfmt.codecs.noise import NoiseParameters, decode_within, gain_of, sine_of, step_lattice
+from hapfmt.codecs.noise import noise as noise_at
 from hapfmt.codecs.predicted import SINES, step_up
 from hapfmt.codecs.quantised import (
     Alphabet,
@@ -222,6 +225,33 @@ def lpcr_packet(case):
     return {"indices": [row.tolist() for row in rows]}
 
 
+def noise(case):
+    ticks = range(case["first"], case["first"] + len(case["n"]))
+    return {"n": [noise_at(case["seed"], tick, case["density"]) for tick in ticks]}
+
+
+def noise_gains(case):
+    values = [gain_of(index) for index in range(len(case["values"]))]
+    digest = hashlib.sha256(struct.pack(f"<{len(values)}q", *values)).hexdigest()
+    return {"values": values, "sha256": digest}
+
+
+def lattice(case):
+    ks, g = [sine_of(k) for k in case["k"]], [0] * len(case["k"])
+    counts, states = [], []
+    for e in case["e"]:
+        counts.append(rdiv(step_lattice(e, ks, g), 64))
+        states.append(list(g))
+    return {"counts": counts, "g": states[:4] + states[-1:]}
+
+
+def nois(case):
+    parameters = NoiseParameters(case["shift"], case["intervals"])
+    data, widest = bytes.fromhex(case["packet"]), 2**31
+    given = case["span"], case["components"], 0, -widest, widest - 1
+    return {"counts": decode_within(data, parameters, *given).T.tolist()}
+
+
 def hexed(doubles):
     return [f"{word:016x}" for word in np.ascontiguousarray(doubles, "<f8").view("<u8").tolist()]
 
@@ -248,3 +278,43 @@ def lpcx(case):
         assert counts.tolist() == case["counts"]
     exact = decode_exact(data, parameters, Affine(*case["calibration"]), counts, 0)
     return {"counts": counts.tolist(), "exact": hexed(exact)}
+
+
+def cosine(case):
+    table = mdct.cosines()
+    if "entries" in case:
+        quarter = table[:1025]
+        digest = hashlib.sha256(quarter.astype("<u2").tobytes()).hexdigest()
+        return {"entries": quarter.tolist(), "sha256": digest}
+    return {"pairs": [[i, int(table[i % table.size])] for i, _ in case["pairs"]]}
+
+
+def transform_of(case):
+    data = bytes([case["m"]]) + build_varint(case["step"])
+    weights = bytes(case["weights"])
+    return mdct.TransformParameters.parse(data + bytes([len(weights)]) + weights, 0)
+
+
+def transform_steps(case):
+    return {"steps": transform_of(case).steps.tolist()}
+
+
+def transform(case):
+    rows = np.zeros((len(case["coefficients"]), 1 << case["m"]))
+    for row, given in zip(rows, case["coefficients"], strict=True):
+        row[: len(given)] = given
+    return {"x": mdct.inverse(rows).tolist()}
+
+
+def transformed(case):
+    data, parameters = bytes.fromhex(case["packet"]), transform_of(case)
+    span, count = case["span"], case["components"]
+    rows = mdct.decode_within(data, parameters, span, count, LEVEL, 0, -(2**31), 2**31 - 1)
+    out = {"counts": rows.T.tolist()}
+    if "blocks" in case:
+        header, at = mdct.parse_header(data, parameters.size, LEVEL, 0)
+        blocks = np.zeros((-(-span // parameters.size), header.kept))
+        steps = parameters.steps[: header.kept].tolist()
+        mdct.decode_coefficients(data[at:], steps, header.classes, header.start, blocks, at)
+        out["blocks"] = blocks.astype(np.int64).tolist()
+    return out

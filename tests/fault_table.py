@@ -13,6 +13,8 @@ import forge as f
 import numpy as np
 import page
 import page_exact
+import page_noise
+import page_transform
 from singles import decode_counts, decode_exact
 
 from hapfmt.codecs import knots as codec
@@ -21,9 +23,13 @@ from hapfmt.codecs.exact import ExactParameters
 from hapfmt.codecs.exact import decode_exact as decode_both
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.knots import KnotParameters, decode_knots, parse_varints
+from hapfmt.codecs.noise import NoiseParameters
+from hapfmt.codecs.noise import decode_within as decode_noise
 from hapfmt.codecs.predicted import decode_indices, decode_predicted
 from hapfmt.codecs.quantised import QuanParameters, decode_quantised, parse_codebook
 from hapfmt.codecs.raw import RawParameters, decode_raw
+from hapfmt.codecs.transform import TransformParameters
+from hapfmt.codecs.transform import decode_within as decode_transform
 from hapfmt.format.cluster import parse_cluster
 from hapfmt.format.extras import (
     IndexEntry,
@@ -131,6 +137,32 @@ def predicted(data: bytes, span: int = 1) -> Callable[[], Any]:
 
 def further(data: bytes, span: int = 2) -> Callable[[], Any]:
     return lambda: codec.decode_indices(data, "hold", span, 1, ONE.count_bound, AT)
+
+
+def transform(data: bytes) -> Callable[[], Any]:
+    return lambda: TransformParameters.parse(data, AT)
+
+
+def transformed(data: bytes, count: int = 1) -> Callable[[], Any]:
+    """One tick of blocks of 32, of step 1."""
+    parameters = TransformParameters(32, 256)
+    return lambda: decode_transform(data, parameters, 1, count, ONE, AT, -9, 9)
+
+
+LARGE = page_transform.encode([[2**26, 2**27]], [256] * 32, loud=True)
+"""Coefficients of 2^35 and, with the other quantiser, about 2^36."""
+
+
+def noise(data: bytes, span: int = 24, count: int = 1) -> Callable[[], Any]:
+    return lambda: decode_noise(data, NoiseParameters(3, 8), span, count, AT, -9, 9)
+
+
+def noisy(data: bytes) -> Callable[[], Any]:
+    return lambda: NoiseParameters.parse(data, AT)
+
+
+NOISE = page_noise.encode([40, 44, 36], [[50, -20]], 8)
+"""Of 24 ticks, 18 bytes."""
 
 
 FIVE = b"\3\x10\0\x0a"
@@ -557,6 +589,35 @@ FAULTS = [
             bytes([a, 0, 0, 0]) for a in range(9)), 10)),
     Fault("LPC-006", 106, "no number of references", several(FIRST + b"\x40\0")),
     Fault("LPC-006", 106, "references cut short", several(FIRST + b"\x40\0\1\0\0\0")),
+    # 9.8
+    Fault("COD-002", 100, "MDCT without parameters", transform(b"")),
+    Fault("CNV-002", 101, "MDCT without a step", transform(b"\5")),
+    Fault("COD-002", 100, "MDCT cut short", transform(b"\5\1")),
+    Fault("COD-002", 100, "a weight missing", transform(f.mdct_parameters(5, 1, (1, 1))[:-1])),
+    Fault("COD-002", 100, "MDCT too long", transform(f.mdct_parameters() + b"\0")),
+    Fault("MDC-001", 100, "blocks of 16", transform(f.mdct_parameters(4))),
+    Fault("MDC-001", 100, "blocks of 1024", transform(f.mdct_parameters(10))),
+    Fault("MDC-001", 100, "blocks of 2^255", transform(b"\xff\1\0")),
+    Fault("MDC-001", 100, "MDCT step 0", transform(f.mdct_parameters(step=0))),
+    Fault("MDC-001", 100, "MDCT step 2^32 + 1", transform(f.mdct_parameters(step=2**32 + 1))),
+    Fault("MDC-001", 100, "three weights", transform(f.mdct_parameters(weights=(1, 1, 1)))),
+    Fault("MDC-001", 100, "64 weights of 32", transform(f.mdct_parameters(weights=(1,) * 64))),
+    Fault("CNV-002", 100, "MDCT without a base", transformed(b"")),
+    Fault("CNV-002", 101, "MDCT without K", transformed(b"\0")),
+    Fault("MDC-002", 100, "base above 2^24", transformed(f.svarint(2**24 + 1) + b"\0")),
+    Fault("MDC-002", 100, "base below", transformed(f.svarint(-(2**24) - 1) + b"\0")),
+    Fault("MDC-002", 100, "33 of 32 coefficients", transformed(b"\0\x21\0\0")),
+    Fault("COD-001", 102, "a byte after a base alone", transformed(b"\0\0\0")),
+    Fault("RNG-004", 102, "no classes", transformed(b"\0\1")),
+    Fault("RNG-004", 102, "no start byte", transformed(b"\0\1\0")),
+    Fault("RNG-004", 102, "MDCT start 164", transformed(b"\0\1\0\xa4")),
+    Fault("RNG-001", 104, "no coded bytes", transformed(b"\0\1\0\0")),
+    Fault("RNG-001", 108, "coded bytes and one",
+          transformed(page_transform.encode([[1]], [256]) + b"\0")),
+    Fault("RNG-003", 108, "a coefficient of 2^34",
+          transformed(page_transform.encode([[2**34]], [1], loud=True))),
+    Fault("MDC-003", 110, "a block above 2^36", transformed(LARGE)),
+    Fault("LPC-001", 100, "transforms larger than the packet", transformed(b"\3\0\0", 2)),
     # 9.7
     Fault("COD-002", 100, "LPCX cut short", described(b"")),
     Fault("COD-002", 100, "LPCX too long", described(f.lpcx_parameters() + b"\0")),
@@ -598,6 +659,28 @@ FAULTS = [
     Fault("RNG-004", 104, "no table of lengths", beside(b"\0\0")),
     Fault("RNG-004", 104, "33 ranks", beside(b"\1\0\x21" + b"\1" * 40)),
     Fault("RNG-001", 113, "raw bits cut short", beside(corrected(60)[:-1])),
+    # 9.10
+    Fault("COD-002", 100, "NOIS cut short", noisy(b"\3")),
+    Fault("COD-002", 102, "NOIS too long", noisy(f.nois_parameters() + b"\0")),
+    Fault("NOI-001", TRACK_AT + f.HEADER, "NOIS with a contract", judged(f.closed(
+        HEAD, ("TRAK", f.trak(f.tlv(1, f.nois_parameters()) + f.tlv(16, f.deadband()),
+                              codec=b"NOIS"), {"track": 0}),
+        ("DATA", f.cluster((0, 0, 4, b"")))))),
+    Fault("NOI-003", 100, "intervals of 4 ticks", noisy(b"\2\xff")),
+    Fault("NOI-003", 100, "intervals of 8192 ticks", noisy(b"\x0d\1")),
+    Fault("NOI-003", 100, "blocks of 56 ticks", noisy(b"\3\7")),
+    Fault("NOI-004", 100, "a model larger than the packet", noise(b"\1", count=2)),
+    Fault("NOI-005", 100, "a filter of order 33", noise(b"\x21" + NOISE[1:])),
+    Fault("NOI-005", 100, "a model cut short", noise(NOISE[:10])),
+    Fault("NOI-006", 106, "a first gain of 113", noise(NOISE[:6] + b"\x71" + NOISE[7:])),
+    Fault("NOI-006", 113, "a gain of 113", noise(page_noise.encode([112, 113], [], 8), 16)),
+    Fault("NOI-006", 113, "a gain of -1", noise(page_noise.encode([0, -1], [], 8), 16)),
+    Fault("NOI-006", 115, "a coefficient of 128", noise(page_noise.encode([40], [[128]], 8), 8)),
+    Fault("RNG-004", 107, "bit 5 of a coding", noise(NOISE[:7] + b"\x20" + NOISE[8:])),
+    Fault("RNG-004", 107, "four states twice", noise(NOISE[:9] + b"\x10" + NOISE[10:])),
+    Fault("RNG-004", 107, "a start byte of 164", noise(NOISE[:8] + b"\xa4" + NOISE[9:])),
+    Fault("RNG-001", 119, "a byte behind the noise", noise(NOISE + b"\0")),
+    Fault("RNG-001", 109, "no coded bytes", noise(page_noise.encode([40], [], 8)[:9], 8)),
     Fault("CNV-002", 102, "no base", predicted(b"\0\0")),
     Fault("COD-001", 103, "bytes after a constant", predicted(b"\x10\0\0\0")),
     # 9.6

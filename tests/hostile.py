@@ -109,6 +109,16 @@ def recalled(span: int) -> bytes:
     return b"\3" + CONSTANT + rest
 
 
+def modelled(span: int) -> bytes:
+    """Noise through the longest filter, with coefficients for each 64 ticks."""
+    from hapfmt.codecs.noise import NoiseParameters, encode_component
+
+    parameters = NoiseParameters(3, 8)
+    gains = [40] * parameters.interval_count(span)
+    blocks = [[9] * 32] * parameters.block_count(span)
+    return encode_component(gains, blocks, parameters, seed=1)
+
+
 def many_tracks(size: Size, tlvs: Callable[[int], bytes], packet: bytes, **given: Any) -> bytes:
     """As many as may be, 255 in a chunk, with a packet of one tick each."""
 
@@ -285,6 +295,8 @@ FILES: dict[str, Callable[[Size], bytes]] = {
         s, b"LPCX", f.lpcx_parameters(2, 2), b"\3" + CONSTANT, packets=2
     ),
     "LPCX recalled": lambda s: one(s, b"LPCX", f.lpcx_parameters(), recalled, packets=2),
+    "NOIS silent": lambda s: one(s, b"NOIS", f.nois_parameters(), NONE),
+    "NOIS": lambda s: one(s, b"NOIS", f.nois_parameters(), modelled, packets=2),
     "texts": texts,
     "codebooks": codebooks,
     "own codebooks": own_codebooks,

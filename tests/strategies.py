@@ -13,6 +13,9 @@ from hapfmt.codecs.events import CodedEvent
 from hapfmt.codecs.exact import ExactParameters, encode_exact
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.codecs.knots import KnotParameters, build_knots, encode_knots
+from hapfmt.codecs.noise import NoiseParameters
+from hapfmt.codecs.noise import decode_within as decode_noise
+from hapfmt.codecs.noise import encode_component as encode_noise
 from hapfmt.codecs.predicted import (
     DIFFERENCE_LIMIT,
     INDEX_LIMIT,
@@ -24,7 +27,9 @@ from hapfmt.codecs.predicted import (
 )
 from hapfmt.codecs.quantised import Alphabet, QuanParameters, code_lengths, encode_quantised
 from hapfmt.codecs.raw import DTYPES, RawParameters, encode_raw
+from hapfmt.codecs.transform import BLOCKS, TransformParameters, decode_within
 from hapfmt.encoder.settings import Settings, Tolerance
+from hapfmt.encoder.transform import encode_row
 from hapfmt.format.cluster import Packet
 from hapfmt.format.track import WORD_SIZES, Affine, Component, Contract, Track
 from hapfmt.format.wire import ChunkHeader, Head
@@ -179,10 +184,20 @@ def one_track(draw, level=LEVELS[2]):
     )  # fmt: skip
 
 
+transforms = st.builds(
+    TransformParameters,
+    st.sampled_from(BLOCKS),
+    st.sampled_from([1, 256, 2**32]) | st.integers(1, 2**32),
+    st.sampled_from([0, 1, 32]).flatmap(lambda n: st.binary(min_size=n, max_size=n)),
+)
+
+
 @st.composite
 def codec_parameters(draw, level=LEVELS[2]):
     """(codec, parameters) of a track of counts."""
-    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "coded knots", "LPCX"]))
+    codec = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "coded knots", "LPCX", "MDCT"]))
+    if codec == "MDCT":
+        return codec, draw(transforms)
     if codec == "LPCX":
         return codec, ExactParameters(draw(st.integers(0, 1)))
     if codec == "KNOT":
@@ -404,10 +419,32 @@ def component_packet(rows):
 
 
 @st.composite
+def noise_parameters(draw):
+    shift = draw(st.sampled_from([3, 3, 4, 6, 12]))
+    return NoiseParameters(shift, draw(st.integers(max(1, 64 >> shift), 255 if shift > 3 else 9)))
+
+
+@st.composite
+def noise_models(draw, parameters):
+    """(arguments of encode_component, span): gains with silence between them, any filter."""
+    span = draw(st.sampled_from([1, 8, 64, 65]) | st.integers(1, 400))
+    generator = np.random.default_rng(draw(st.integers(0, 2**32)))
+    most = draw(st.sampled_from([40, 70, 112]))
+    gains = generator.integers(0, most + 1, parameters.interval_count(span))
+    gains[generator.random(gains.size) < draw(st.sampled_from([0, 0.3, 0.9]))] = 0
+    width = draw(st.sampled_from([3, 60, 127]))
+    order = draw(st.sampled_from([0, 1, 2, 5, 17, 32]))
+    blocks = generator.integers(-width, width + 1, (parameters.block_count(span), order))
+    given = {"seed": draw(u32s), "density": draw(st.sampled_from([0, 0, 1, 100, 255]))}
+    return (gains.tolist(), blocks.tolist(), parameters), given, span
+
+
+@st.composite
 def packets(draw, track_id=0):
     """(track, packets in order of time, the counts or words of each) at level 1."""
     level = LEVELS[1]
-    kind = draw(st.sampled_from(["KNOT", "QUAN", "RAWB", "LPCR", "coded knots", "LPCX"]))
+    names = ["KNOT", "QUAN", "RAWB", "LPCR", "coded knots", "LPCX", "MDCT", "NOIS"]
+    kind = draw(st.sampled_from(names))
     start, made, numbers = draw(st.sampled_from([0, 0, 7, 2**40])), [], []
     if kind == "RAWB":
         number_format, size, array = draw(raw_arrays())
@@ -439,6 +476,19 @@ def packets(draw, track_id=0):
         coded = encode_indices(counts, Predictor())
         beside = encode_exact(x, parameters, Affine(), counts, recall=True)
         arrays = [(build_varint(len(coded)) + coded + beside, len(counts), counts[:, None])]
+    elif kind == "MDCT":
+        number_format, parameters, count = "counts", draw(transforms), draw(st.integers(1, 2))
+        span = draw(st.integers(1, 200))
+        x = np.random.default_rng(span).integers(-(2**12), 2**12, (span, count))
+        parts = [encode_row(column, parameters) for column in x.T.astype(np.float64)]
+        data = join_components(parts)
+        widest = -(1 << 23), (1 << 23) - 1
+        arrays = [(data, span, decode_within(data, parameters, span, count, level, 0, *widest))]
+    elif kind == "NOIS":
+        number_format, parameters = "counts", draw(noise_parameters())
+        arguments, given, span = draw(noise_models(parameters))
+        data, most = encode_noise(*arguments, **given), 1 << 23
+        arrays = [(data, span, decode_noise(data, parameters, span, 1, 0, -most, most - 1))]
     else:
         number_format, alphabet = "counts", Alphabet(3, 3, 8)
         array = draw(level_arrays(alphabet))

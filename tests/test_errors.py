@@ -205,6 +205,18 @@ def test_exact(fault):
     assert_reported(fault)
 
 
+@each("NOI")
+def test_noise(fault):
+    """
+    NOI-001: A track of codec `NOIS` MUST be of kind full band or HF, and have no contract.
+    NOI-003: `shift` MUST be 3 to 12, and a block, `intervals` times 2^shift, have at least 64 ticks.
+    NOI-004: The component packets MUST fit the packet: their sizes are together at most what follows them.
+    NOI-005: m MUST be at most 32, and a component packet contain all that is before its coded bytes.
+    NOI-006: Every gain index MUST be 0 to 112, and every coefficient -127 to 127.
+    """
+    assert_reported(fault)
+
+
 @each("CLK")
 def test_clocks(fault):
     """
@@ -230,6 +242,16 @@ def test_raw(fault):
     RAW-001: `word_size` MUST be 1, 2, 3 or 4 for counts, and the size of the number format for raw numbers.
     RAW-003: The method MUST be 0 or 1, with exactly `span * component_count * word_size` bytes. A DEFLATE stream is whole and ends with the packet; a decoder stops inflating at that size.
     RAW-005: Counts MUST lie within the declared range of their track: lossless counts are never clamped.
+    """
+    assert_reported(fault)
+
+
+@each("MDC")
+def test_transforms(fault):
+    """
+    MDC-001: m MUST be 5 to 9, and `step` 1 to 2^32. n is 0 or a power of two, at most 128 and at most M.
+    MDC-002: |b| MUST be at most the count bound (clause 12), and K at most M.
+    MDC-003: In each block the sum of all |X[k]| MUST be at most 2^36.
     """
     assert_reported(fault)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from fractions import Fraction
 from importlib.util import find_spec
 
@@ -178,6 +179,23 @@ class TestScan:
         hapfmt.write(np.ones(10), path, rate=1, force=True)
         with pytest.raises((OSError, pl.exceptions.ComputeError), match="changed after"):
             lazy.collect()
+
+    def test_a_change_between_two_batches(self, tmp_path, monkeypatch):
+        path = tmp_path / "a.hapf"
+        hapfmt.write(np.zeros(1000), path, rate=1)
+        monkeypatch.setattr(lazyframes, "BATCH", 300)
+        read = lazyframes.read_ticks
+
+        def changing(*given):
+            found = read(*given)
+            if given[2] == 300:
+                time.sleep(0.02)  # times of files have steps of up to 10 ms
+                hapfmt.write(np.ones(1000), path, rate=1, force=True)
+            return found
+
+        monkeypatch.setattr(lazyframes, "read_ticks", changing)
+        with pytest.raises((OSError, pl.exceptions.ComputeError), match="changed after"):
+            hapfmt.scan_hapf(path).collect()
 
     def test_without_the_package(self, file, monkeypatch):
         monkeypatch.setitem(sys.modules, "polars", None)

@@ -6,6 +6,7 @@ import io
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
@@ -277,6 +278,16 @@ class TestTables:
         assert back.labels == rec.labels and back.epoch_ns == rec.epoch_ns
         for a, b in zip(rec, back, strict=True):
             assert (a.rate_exact, a.coverage, a.unit) == (b.rate_exact, b.coverage, b.unit)
+
+    def test_columns_differ_from_each_other_and_from_the_times(self):
+        pytest.importorskip("pandas")
+        x = Channel(np.arange(4.0), 10, label="time", unit="s")
+        frame = Recording((x, replace(x, label="a", unit="N"), replace(x, label="a"))).to_pandas()
+        assert [*frame] == ["time (2)", "a", "a (2)"]
+        assert frame.attrs["units"] == {"time (2)": "s", "a": "N", "a (2)": "s"}
+        assert [*frame.reset_index()] == ["time", "time (2)", "a", "a (2)"]
+        back = Recording.from_array(frame)
+        assert back.labels == [*frame] and [c.unit for c in back] == ["s", "N", "s"]
 
     def test_a_column_of_texts_is_to_be_left_out(self):
         pandas = pytest.importorskip("pandas")

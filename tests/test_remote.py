@@ -337,16 +337,18 @@ class TestWithoutParts:
 
     def test_is_refused(self, wide):
         with serving({"a.hapf": wide}, parts=False) as server:
-            with pytest.raises(OSError, match=r"spool=True"):
+            with pytest.raises(OSError, match="write simplecache:: before the URL"):
                 Reader(server.url("a.hapf"))
             assert server.sent <= len(wide)
 
     def test_is_copied_where_asked_for(self, wide):
         with serving({"a.hapf": wide}, parts=False) as server:
+            expected = Reader(wide).read("taxel 3", start=10, stop=11)
             with Reader(server.url("a.hapf"), spool=True) as reader:
-                found = reader.read("taxel 3", start=10, stop=11)
+                assert same(reader.read("taxel 3", start=10, stop=11), expected)
             assert len(server.asked) == 1
-        assert same(found, Reader(wide).read("taxel 3", start=10, stop=11))
+            with Reader("simplecache::" + server.url("a.hapf")) as reader:
+                assert same(reader.read("taxel 3", start=10, stop=11), expected)
 
 
 def test_without_the_package(monkeypatch):

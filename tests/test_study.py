@@ -205,6 +205,25 @@ class TestPreparing:
         bends = [np.std(np.diff(x, 2)) for x in (back["slow"].samples(), original)]
         assert bends[0] < bends[1] / 5
 
+    def test_qualities_of_a_texture(self, tmp_path):
+        """Side by side: a coded texture, and one from a model."""
+        hapfmt.write(simulate("cork", 3.0), tmp_path / "cork.hapf", canonical=1)
+        rows = "".join(
+            f'[[condition]]\nname = "{name}"\npreset = "perceptual"\n{row}\n'
+            for name, row in (("high", 'quality = "high"'), ("10 dB", "snr = 10"),
+                              ("model", "synthetic_texture = true"))
+        )  # fmt: skip
+        text = '[[session]]\nname = "cork"\nrecording = "cork.hapf"\n'
+        text += f'[[condition]]\nname = "same"\nrole = "reference"\n{rows}'
+        (tmp_path / "study.toml").write_text(text)
+        study = load_study(tmp_path / "study.toml")
+        made = prepare(study, tmp_path / "conditions")
+        x = {name: hapfmt.read(made.file("cork", name)).channels[0]
+             for name in ("same", "high", "10 dB", "model")}  # fmt: skip
+        assert [each.synthetic for each in x.values()] == [False, False, False, True]
+        size = {name: made.file("cork", name).stat().st_size for name in x}
+        assert size["model"] < size["10 dB"] < size["high"] < size["same"]
+
     def test_files_of_ones_own(self, study, tmp_path):
         for name in ("sand.hapf", "cork.npz"):
             (tmp_path / name).write_bytes(study.beside(name).read_bytes())

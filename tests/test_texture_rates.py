@@ -65,7 +65,7 @@ class TestSearch:
 @pytest.mark.parametrize("name", rates.CODECS)
 def test_every_codec_reaches_the_quality_and_a_finer_step_costs_more(name):
     way = rates.CODECS[name][0]
-    coarse, fine = (way(TEXTURE, share * TEXTURE.level) for share in (0.5, 0.05))
+    coarse, fine = (way(TEXTURE, share * TEXTURE.level) for share in (0.3, 0.03))
     for coded, least in ((coarse, 12), (fine, 32)):
         assert coded.y.shape == TEXTURE.x.shape
         assert metrics.snr_hf_db(TEXTURE.x, coded.y, 1000) > least
@@ -86,8 +86,46 @@ def test_tables(capsys):
         for line in capsys.readouterr().out.splitlines()
         if line.startswith("|")
     ]
-    figures = [f"{paper:.2f}", f"{lpcr:.2f}", f"{lpcr / paper:.2f}"]
-    assert rows[0] == ["bits a sample", "paper", "LPCR", "/ paper"]
-    assert rows[2:] == [["noise", *figures], ["geometric mean", *figures]]
+    figures = [f"{paper:.2f}", f"{lpcr:.2f}"]
+    assert rows[0] == ["bits a sample", "paper", "LPCR"]
+    assert rows[2:] == [
+        ["noise", *figures],
+        ["geometric mean", *figures],
+        ["ratio to paper", "1.00", f"{lpcr / paper:.2f}"],
+    ]
     rates.print_qualities("SNR", every, rates.snr_hf, 500.0)
-    assert "| - |" in capsys.readouterr().out.replace("  ", " ").replace("  ", " ")
+    last = capsys.readouterr().out.split("\n")[-4:]
+    assert all("-" in line and not any(map(str.isdigit, line)) for line in last if line)
+
+
+def test_a_way_of_several_codecs_is_coded_once():
+    curves = rates.curves_of(TEXTURE, ["LPCR", "LPCR or MDCT"])
+    assert curves.of["LPCR"][0] is curves.of["LPCR or MDCT"][0]
+
+
+def test_weights_of_bands():
+    """At 40 Hz the threshold is (250 / 40)^2 times its minimum, so a power of 1/2 gives 6.25."""
+    assert rates.weights_of(256, 0.0, 1000) == b""
+    weights = rates.weights_of(512, 0.5, 1000)
+    assert len(weights) == 64
+    at = [(place + 0.5) * 500 / 64 for place in range(64)]
+    assert all(weight == 200 for weight, hz in zip(weights, at, strict=True) if hz <= 40)
+    assert [weight for weight, hz in zip(weights, at, strict=True) if 250 < hz < 300] == [32] * 6
+
+
+def test_a_model_takes_few_bits_and_has_the_power_of_the_texture():
+    (sand,) = rates.simulated(4.0)
+    coded, order = rates.nois(sand)
+    assert coded.bits * sand.rate_hz < 300 and order in range(8, 33)
+    fast = sand.x - rates.low_pass(sand.x, sand.rate_hz)
+    assert coded.y.std() == pytest.approx(fast.std(), rel=0.3)
+    assert np.corrcoef(coded.y, fast)[0, 1] < 0.2
+    assert rates.nois(sand, 2)[1] == 2 and rates.nois(sand, 2)[0].bits < coded.bits
+
+
+def test_table_of_models(capsys):
+    (sand,) = rates.simulated(2.0)
+    rates.print_models([rates.curves_of(sand, ["LPCR"])])
+    header, _, row = (line for line in capsys.readouterr().out.splitlines() if line.startswith("|"))
+    assert "NOIS bit/s" in header and "simulated sand" in row
+    assert header.count("|") == row.count("|")

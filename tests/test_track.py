@@ -132,7 +132,7 @@ class TestOfTheirOwn:
     """What tracks and components have, byte by byte."""
 
     def test_an_unknown_codec_is_that_track_s_alone(self):
-        payload = f.tracks(f.track(), f.track(codec=b"MDCT", first_channel=1))
+        payload = f.tracks(f.track(), f.track(codec=b"NEWC", first_channel=1))
         tracks = parse_description(payload, 0, LEVELS[1], 0)
         assert [track.unsupported is None for track in tracks] == [True, False]
 
@@ -194,7 +194,7 @@ class TestUnknownParts:
 
     @pytest.mark.parametrize(
         "fields",
-        [{"kind": 4}, {"kind": 255}, {"number_format": 6}, {"codec": b"MDCT"}, {"codec": b"\xff\0x "},
+        [{"kind": 4}, {"kind": 255}, {"number_format": 6}, {"codec": b"NEWC"}, {"codec": b"\xff\0x "},
          {"tlvs": f.HOLD + f.tlv(0x8001, b"")}],
     )  # fmt: skip
     def test_the_other_tracks_are_read(self, fields):
@@ -206,7 +206,7 @@ class TestUnknownParts:
         with pytest.raises(UnsupportedError):
             Reader(data).read([1])
 
-    @pytest.mark.parametrize("fields", [{"codec": b"MDCT"}, {"tlvs": f.tlv(0x8001, b"")}])
+    @pytest.mark.parametrize("fields", [{"codec": b"NEWC"}, {"tlvs": f.tlv(0x8001, b"")}])
     def test_the_base_of_an_unknown_residual(self, fields):
         data = f.closed(HEAD, LF, hf(**fields), f.DATA_0)
         assert verify(data).verdict == "unsupported"

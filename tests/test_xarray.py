@@ -7,6 +7,7 @@ import pickle
 import subprocess
 import sys
 import threading
+import time
 import zipfile
 from dataclasses import replace
 from fractions import Fraction
@@ -30,6 +31,7 @@ from hapfmt.errors import HapfmtError, LimitError, ParameterError
 xr = pytest.importorskip("xarray", reason="needs the extra 'xarray'")
 pd = pytest.importorskip("pandas")
 datasets = pytest.importorskip("hapfmt.datasets")
+backend = pytest.importorskip("hapfmt.analysis.backend")
 
 VECTORS = ROOT / "conformance" / "vectors"
 VALID = [
@@ -151,6 +153,63 @@ class TestDataset:
         assert back.labels == was.labels and [c.unit for c in back] == [c.unit for c in was]
         for a, b in zip(was, back, strict=True):
             assert np.array_equal(a.to_numpy(), b.to_numpy(), equal_nan=True)
+
+    def test_labels_that_are_names_of_times(self, tmp_path):
+        """Names are the same in all groups; the label is an attribute."""
+        x = np.arange(10.0)
+        hapfmt.write({"time": x, "b": x}, tmp_path / "one.hapf", rate=10)
+        with xr.open_dataset(tmp_path / "one.hapf") as data:
+            assert [*data] == ["time (2)", "b"] and data["b"].dims == ("time",)
+            assert data["time (2)"].attrs["long_name"] == "time"
+            assert data["time (2)"].values.tolist() == x.tolist()
+            assert data.load().identical(hapfmt.read(tmp_path / "one.hapf").to_xarray())
+        labels = ["time_10Hz", "time", "time_5Hz", "time_5_1Hz", " ", ""]
+        channels = [
+            hapfmt.Channel(x, 5 if number % 2 else 10, label=label)
+            for number, label in enumerate(labels)
+        ]
+        hapfmt.write(Recording(tuple(channels)), tmp_path / "two.hapf")
+        names = ["time_10Hz (2)", "time (2)", "time_5Hz (2)", "time_5_1Hz (2)", "ch5", "ch6"]
+        with xr.open_dataset(tmp_path / "two.hapf") as data:
+            assert [*data] == names and data.sizes == {"time_10Hz": 10, "time_5Hz": 10}
+            assert data.load().identical(hapfmt.read(tmp_path / "two.hapf").to_xarray())
+        with xr.open_datatree(tmp_path / "two.hapf") as tree:
+            assert [*tree["10Hz"].data_vars, *tree["5Hz"].data_vars] == names[::2] + names[1::2]
+
+    def test_a_tree_of_labels_with_slashes(self, tmp_path):
+        """As topics of ROS have. A tree of xarray has none in names."""
+        path = tmp_path / "a.hapf"
+        channels = [
+            hapfmt.Channel(np.arange(4.0), 10, label=label) for label in ("/a/x", "_a_x", "b")
+        ]
+        map_ = ClockMap("header/stamp", 0, ((0, 10**18), (4, 10**18 + 4 * 10**8)))
+        event = Event(0, "tap", channel=0)
+        hapfmt.write(Recording(tuple(channels), clock_maps=(map_,), events=(event,)), path)
+        with xr.open_datatree(path) as tree:
+            group = tree["10Hz"].to_dataset()
+            assert [*group] == ["_a_x", "_a_x (2)", "b"] and "header_stamp" in group.coords
+            assert group["_a_x"].attrs["long_name"] == "/a/x"
+            assert tree["events"]["channel"].values.tolist() == ["_a_x"]
+        with xr.open_dataset(path) as data:
+            assert [*data] == ["/a/x", "_a_x", "b"] and "header/stamp" in data.coords
+
+    @pytest.mark.parametrize("value", [True, False])
+    @pytest.mark.parametrize(
+        "keyword",
+        ["mask_and_scale", "decode_times", "decode_timedelta", "use_cftime", "concat_characters",
+         "decode_coords", "decode_cf"],
+    )  # fmt: skip
+    def test_keywords_of_xarray_without_a_meaning_here(self, file, keyword, value):
+        with xr.open_dataset(file) as data, xr.open_dataset(file, **{keyword: value}) as same:
+            assert same.identical(data)
+        with xr.open_datatree(file) as tree, xr.open_datatree(file, **{keyword: value}) as same:
+            assert same.identical(tree)
+
+    def test_other_keywords(self, file):
+        with pytest.raises(ParameterError, match=r"no keyword 'clock'; did you mean 'clocks'"):
+            xr.open_dataset(file, clock=False)
+        with pytest.raises(ParameterError, match="no keyword 'spool'"):
+            xr.open_datatree(file, spool=True)
 
     def test_no_channels(self, tmp_path):
         hapfmt.write(Recording(), tmp_path / "none.hapf")
@@ -274,7 +333,7 @@ class TestTimes:
             assert picked["time"].values.tolist() == [0.1, 0.3]
             pointwise = fx.sel(time=xr.DataArray([0.1, 0.2], dims="trial"))
             assert pointwise.dims == ("trial",)
-            with pytest.raises(KeyError, match="nearest"):
+            with pytest.raises(KeyError, match=r"no sample at 0\.2504 s; .* takes the nearest one"):
                 fx.sel(time=0.2504)
             with pytest.raises(KeyError):
                 fx.sel(time=0.2504, method="nearest", tolerance=1e-4)
@@ -426,6 +485,71 @@ class TestElsewhere:
             data.load()
         data.close()
 
+    @pytest.mark.parametrize("size", ["same", "longer", "shorter"])
+    @pytest.mark.parametrize("way", ["in place", "replaced"])
+    def test_a_file_that_changes_while_it_is_open(self, tmp_path, size, way):
+        """Each later reading is an error, also of what was read before; a new opening is not."""
+        path, other = tmp_path / "a.hapf", tmp_path / "b.hapf"
+        count = {"same": 100_000, "longer": 120_000, "shorter": 80_000}[size]
+        once = hapfmt.Settings(cluster=1)
+        hapfmt.write(Recording.from_array(np.arange(100_000.0), 1000), path, once)
+        hapfmt.write(Recording.from_array(np.arange(float(count)) + 1, 1000), other, once)
+        assert (path.stat().st_size == other.stat().st_size) == (size == "same")
+        data, lazy = xr.open_dataset(path), xr.open_dataset(path)["ch1"]
+        assert float(data["ch1"][0]) == 0.0 and float(lazy[99_999]) == 99_999.0
+        time.sleep(0.02)  # times of files have steps of up to 10 ms
+        if way == "in place":
+            path.write_bytes(other.read_bytes())
+        else:
+            other.replace(path)
+        for place in (0, 50_000, 99_999):
+            with pytest.raises(
+                OSError, match=r"changed after it was opened; open it again.*a\.hapf"
+            ):
+                data["ch1"][place].load()
+        there = pickle.loads(pickle.dumps(lazy))
+        for again in (there, lazy):
+            with pytest.raises(OSError, match="changed after it was opened"):
+                again.load()
+        data.close()
+        with xr.open_dataset(path) as new:
+            assert float(new["ch1"][0]) == 1.0 and new["ch1"].size == count
+
+    def test_a_file_that_changes_in_the_middle_of_a_reading(self, tmp_path, monkeypatch):
+        path = tmp_path / "a.hapf"
+        hapfmt.write(np.zeros(100), path, rate=100)
+        whole = path.read_bytes()
+        read = backend.read_ticks
+
+        def changing(*given):
+            found = read(*given)
+            time.sleep(0.02)
+            path.write_bytes(whole)
+            return found
+
+        monkeypatch.setattr(backend, "read_ticks", changing)
+        with xr.open_dataset(path) as data, pytest.raises(OSError, match="changed after it was"):
+            data.load()
+
+    def test_another_time_of_change(self, tmp_path):
+        """Processes that open the file again see that it was written again."""
+        path = tmp_path / "a.hapf"
+        hapfmt.write(np.zeros(100), path, rate=100)
+        data = xr.open_dataset(path)
+        data.close()
+        os.utime(path, ns=(0, path.stat().st_mtime_ns + 1))
+        with pytest.raises(OSError, match="changed after it was opened"):
+            pickle.loads(pickle.dumps(data)).load()
+        data.close()
+
+    def test_another_working_folder(self, tmp_path, monkeypatch):
+        (tmp_path / "other").mkdir()
+        monkeypatch.chdir(tmp_path)
+        hapfmt.write(np.ones(100), "a.hapf", rate=100)
+        with xr.open_dataset("a.hapf") as data:
+            monkeypatch.chdir("other")
+            assert float(data["ch1"].sum()) == 100.0
+
     def test_a_file_that_is_gone(self, tmp_path):
         path = tmp_path / "a.hapf"
         hapfmt.write(np.zeros(100), path, rate=100)
@@ -446,6 +570,13 @@ class TestDask:
             assert len(starts) > 100
             assert set(np.cumsum(sizes)[:-1].tolist()) <= starts
             assert float(data["x"].sum()) == 300 * 499_500
+
+    def test_a_number_is_for_all_rates(self, long):
+        """xarray ignores names of dimensions that are not there."""
+        with pytest.warns(UserWarning, match="separate the stored chunks"):
+            data = xr.open_dataset(long, chunks=100_000)
+        assert data["x"].chunks == ((100_000,) * 3,) and data["y"].chunks == ((300,),)
+        data.close()
 
     def test_other_chunks(self, long):
         with xr.open_dataset(long, chunks={"time_1000Hz": 300_000, "time_1Hz": 300}) as data:
@@ -504,7 +635,10 @@ class TestUntrusted:
         with hapfmt.Reader(file) as reader:
             whole[reader.catalogue.data[0].offset + 300] ^= 1
         path.write_bytes(whole)
-        with pytest.raises(HapfmtError), xr.open_dataset(path) as data:
+        with (
+            pytest.raises(HapfmtError, match="command hapfmt recover"),
+            xr.open_dataset(path) as data,
+        ):
             data.load()
 
     @given(st.integers(0), st.integers(1, 255))
@@ -531,6 +665,8 @@ class TestUntrusted:
             assert far.size == 2**46 + 1 and float(far[-1]) == 1.0
             with pytest.raises(LimitError, match="limit"):
                 far.load()
+            with pytest.raises(LimitError, match=r"limit of \d+; take a part of .*chunks=\{\}$"):
+                far.variable.load()
 
     def test_what_is_no_recording(self, tmp_path):
         path = tmp_path / "a.hapf"

@@ -16,9 +16,10 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
-from math import exp, inf, log
+from math import exp, inf, log, log10, sqrt
 from pathlib import Path
 from statistics import fmean
 from typing import NamedTuple
@@ -33,14 +34,19 @@ from numpy.typing import NDArray
 import hapfmt
 from hapfmt import metrics
 from hapfmt.codecs.predicted import decode_indices
+from hapfmt.codecs.transform import UNIT, TransformParameters, decode_component
 from hapfmt.deadband import COUNT_LIMIT
 from hapfmt.encoder.bounded import code_lines
 from hapfmt.encoder.plan import Promise
 from hapfmt.encoder.predict import encode_best, fitting_packets
 from hapfmt.encoder.settings import FORCE_WEBER, Tolerance
 from hapfmt.encoder.source import InputBlock
-from hapfmt.encoder.unit import bound_of, decode_all, whole_range
+from hapfmt.encoder.synthetic import code_texture
+from hapfmt.encoder.transform import encode_row
+from hapfmt.encoder.unit import ENCODE_LEVEL, bound_of, decode_all, whole_range
+from hapfmt.format.track import Component
 from hapfmt.lab.scenes import load_scene, simulate
+from hapfmt.limits import LEVELS
 from hapfmt.recording import Span
 from hapfmt.split import low_pass
 
@@ -72,6 +78,7 @@ MPEG: dict[str, dict[float, float | None]] = {
 renderer repaired. At 69.3 dB it was not measured."""
 
 SNR_DB = (10.0, 20.0, 30.0)
+STEEP_DB = 20.0
 ST_SIM, SPQI = 0.95, 0.5
 
 PER_OCTAVE = 8
@@ -85,7 +92,28 @@ LONGEST = 1 << 16
 """Samples of a packet of prediction, as in a file."""
 
 THRESHOLDS = ("0.2%", "1%", "2%", "5%", "10%", "20%")
-"""Absolute thresholds of the deadband of a slow part: shares of the range."""
+"""Absolute thresholds of the deadband of the paper's slow part: shares of the range."""
+
+LINES = ("0.2%", "1%", "5%")
+"""The same for lines."""
+
+BLOCKS = (32, 64, 128, 256, 512)
+"""Coefficients of a block of MDCT."""
+
+BANDS = 64
+"""Bands of MDCT with a weight of their own."""
+
+COUNT = 1 << 31
+"""Counts have 32 bits."""
+
+MODEL_LINES = "5%"
+"""The same below a texture from a model."""
+
+APART_S = 0.5
+"""A texture is compared with itself, this much later."""
+
+HAS_PACKAGE = find_spec("vibromaf") is not None
+"""It computes ST-SIM and SPQI."""
 
 RANGE_BITS = 24
 """A slow part is stored on a grid of this many bits for the range."""
@@ -145,11 +173,65 @@ def coded_part(indices: Counts, rows: slice) -> bytes:
     return encode_best(indices[rows])
 
 
+def mdct(size: int, gamma: float, texture: Texture, step: float) -> Coded:
+    """The transform of the whole signal in blocks of this size. With gamma, the step of a band is
+    multiplied by the threshold of vibration (of a displacement), relative to its minimum, to that
+    power."""
+    # Each quantiser has every other level; a coefficient adds to size samples by a cosine.
+    own = round(UNIT * FINE / 2 * sqrt(2 / size))
+    parameters = TransformParameters(size, own, weights_of(size, gamma, texture.rate_hz))
+    x = texture.x / (step / FINE)
+    packet_size, parts = 0, []
+    for start in range(0, x.size, LONGEST):
+        rows = np.rint(x[start : start + LONGEST])
+        try:
+            data = encode_row(rows, parameters)
+        except ValueError:
+            # The step is too fine for the codec.
+            return Coded(inf, texture.x)
+        packet_size += len(data)
+        y = np.empty(rows.size, np.int32)
+        decode_component(data, parameters, LEVELS[2], 0, -COUNT, COUNT - 1, y)
+        parts.append(y)
+    return Coded(8 * packet_size / x.size, np.concatenate(parts) * (step / FINE))
+
+
+def weights_of(size: int, gamma: float, rate_hz: float) -> bytes:
+    """32 times the factor on the step of each band; at most BANDS of them."""
+    if not gamma:
+        return b""
+    bands = min(size, BANDS)
+    hz = (np.arange(bands) + 0.5) * (rate_hz / (2 * bands))
+    factors = (metrics.vibrotactile_threshold(hz) / metrics.LEAST_M) ** gamma
+    return bytes(np.clip(np.rint(32 * factors), 1, 255).astype(np.uint8))
+
+
 def split(threshold: str, rest: Way, texture: Texture, step: float) -> Coded:
     """The fewest lines within the deadband for the slow part, and another way for the rest."""
     bits, slow = slow_track(texture, threshold)
     fast = rest(texture._replace(x=texture.x - slow), step)
     return Coded(bits + fast.bits, slow + fast.y)
+
+
+def nois(texture: Texture, order: int | None = None) -> tuple[Coded, int]:
+    """The part above 20 Hz from a model, and the order of the model. Any loud interval is coded.
+
+    order: None, the one that the encoder takes.
+    """
+    step = texture.level / FINE
+    fast = texture.x - low_pass(texture.x, texture.rate_hz)
+    counts = counts_of(texture._replace(x=fast), step)
+    channel = hapfmt.Channel(counts, texture.rate_hz, calibration=hapfmt.Calibration(1, 0, 1))
+    source = InputBlock((channel,), counts[:, None], (Span(0, counts.size),))
+    widest = 1 << (ENCODE_LEVEL.residual_bits - 1)
+    track = replace(
+        whole_range(source, 0), kind="hf", base=0, components=(Component(),), count_min=-widest,
+        count_max=widest - 1,
+    )  # fmt: skip
+    coded = code_texture(source, counts, 0.0, track, order)
+    first = coded.packets[0].data
+    y = decode_all(coded, 1)[:, 0] * step
+    return Coded(8 * coded.size / counts.size, y), first[0] if first else 0
 
 
 SLOW: dict[tuple[str, str], tuple[float, Samples]] = {}
@@ -175,16 +257,36 @@ def counts_of(texture: Texture, step: float) -> Counts:
     return np.rint(texture.x / step).astype(np.int64)
 
 
+PAPER = tuple(partial(paper, threshold) for threshold in THRESHOLDS)
+MDCT, QUARTER, HALF = (
+    tuple(partial(mdct, size, gamma) for size in BLOCKS) for gamma in (0.0, 0.25, 0.5)
+)
 CODECS: dict[str, tuple[Way, ...]] = {
-    "paper": tuple(partial(paper, threshold) for threshold in THRESHOLDS),
+    "paper": PAPER,
     "LPCR": (lpcr,),
-    "lines + LPCR": tuple(partial(split, threshold, lpcr) for threshold in THRESHOLDS),
+    "MDCT": MDCT,
+    "LPCR or MDCT": (lpcr, *MDCT),
+    "lines + LPCR": tuple(partial(split, threshold, lpcr) for threshold in LINES),
+    "lines + MDCT": tuple(partial(split, threshold, way) for threshold in LINES for way in MDCT),
+    "MDCT, 1/4": QUARTER,
+    "MDCT, 1/2": HALF,
 }
-"""The ways of each codec. The one with the fewest bits counts, at each quality."""
+"""The ways of each codec. The one with the fewest bits counts, at each quality. The last two weigh
+the bands of the transform by a power of the threshold of vibration."""
 
 
 def snr_hf(texture: Texture, y: Samples) -> float:
     return metrics.snr_hf_db(texture.x, y, texture.rate_hz)
+
+
+def snr_steep(texture: Texture, y: Samples) -> float:
+    """The part above 20 Hz by a Butterworth filter of order 2, forward and backward: it holds more
+    of what is just above 20 Hz."""
+    from scipy import signal
+
+    sections = signal.butter(2, metrics.SPLIT_HZ, fs=texture.rate_hz, output="sos")
+    fast = texture.x - signal.sosfiltfilt(sections, texture.x)
+    return 10 * log10(fast.var() / ((texture.x - y) ** 2).mean())
 
 
 def snr(texture: Texture, y: Samples) -> float:
@@ -248,7 +350,9 @@ class Curves(NamedTuple):
 
 
 def curves_of(texture: Texture, codecs: Sequence[str]) -> Curves:
-    return Curves(texture, {name: [Curve(way, texture) for way in CODECS[name]] for name in codecs})
+    """A way that several codecs try is coded once."""
+    ways = {way: Curve(way, texture) for name in codecs for way in CODECS[name]}
+    return Curves(texture, {name: [ways[way] for way in CODECS[name]] for name in codecs})
 
 
 def recorded(data: Path, samples: int) -> Iterator[Texture]:
@@ -282,40 +386,26 @@ def generated() -> Iterator[Texture]:
 
 
 def geometric_mean(values: Sequence[float]) -> float:
-    return exp(fmean(log(x) for x in values))
+    return exp(fmean(map(log, values)))
 
 
 def shown(bits: float, digits: int = 2) -> str:
-    return f"{bits:.{digits}f}" if bits < inf else "-"
+    return f"{bits:.{digits}f}" if 0 < bits < inf else "-"
 
 
 def print_qualities(title: str, every: Sequence[Curves], measure: Measure, wanted: float) -> None:
-    """One row for each texture: bits a sample, and their ratio to those of the first codec."""
+    """One row for each texture; below, the geometric mean and its ratio to that of the first."""
     if not every:
         return
     codecs = list(every[0].of)
-    rows, ratios = [], dict[str, list[float]]()
-    for curves in every:
-        bits = {codec: curves.bits(codec, measure, wanted) for codec in codecs}
-        row = [curves.texture.name]
-        for codec in codecs:
-            row.append(shown(bits[codec]))
-            if codec != codecs[0]:
-                ratio = bits[codec] / bits[codecs[0]]
-                row.append(shown(ratio))
-                if ratio < inf:
-                    ratios.setdefault(codec, []).append(ratio)
-        rows.append(row)
-    last, headers = ["geometric mean"], ["bits a sample"]
-    for codec in codecs:
-        found = [curves.bits(codec, measure, wanted) for curves in every]
-        last.append(shown(geometric_mean(found)) if max(found) < inf else "-")
-        headers.append(codec)
-        if codec != codecs[0]:
-            last.append(shown(geometric_mean(ratios[codec])) if codec in ratios else "-")
-            headers.append(f"/ {codecs[0]}")
+    table = [[curves.bits(codec, measure, wanted) for codec in codecs] for curves in every]
+    means = [geometric_mean(column) for column in zip(*table, strict=True)]
+    names = [curves.texture.name for curves in every]
+    rows = [[name, *map(shown, row)] for name, row in zip(names, table, strict=True)]
+    rows.append(["geometric mean", *map(shown, means)])
+    rows.append([f"ratio to {codecs[0]}", *(shown(mean / means[0]) for mean in means)])
     print(f"## {title}\n")
-    print_table(headers, [*rows, last])
+    print_table(["bits a sample", *codecs], rows)
 
 
 def print_signals(every: Sequence[Curves]) -> None:
@@ -331,6 +421,34 @@ def print_signals(every: Sequence[Curves]) -> None:
             rows.append([curves.texture.name, f"{wanted:.1f}", peer, *ours])
     print("## Three signals of 8 kHz, kbit/s at the SNR of the whole signal\n")
     print_table(["signal", "SNR dB", "MPEG", *codecs], rows)
+
+
+def print_models(every: Sequence[Curves]) -> None:
+    """Lines and NOIS. A model has no step, and its noise is another one than the recorded one."""
+    if not every:
+        return
+    rows = []
+    for curves in every:
+        texture = curves.texture
+        lines, slow = slow_track(texture, MODEL_LINES)
+        fast, order = nois(texture)
+        y = slow + fast.y
+        later = round(APART_S * texture.rate_hz)
+        own = metrics.band_energy_error_db(texture.x[:-later], texture.x[later:], texture.rate_hz)
+        error = metrics.band_energy_error_db(texture.x, y, texture.rate_hz)
+        similar = [f"{each(texture, y):.3f}" for each in (st_sim, spqi)] if HAS_PACKAGE else []
+        rate = fast.bits * texture.rate_hz
+        rows.append(
+            [
+                *(texture.name, order, shown(lines + fast.bits), shown(fast.bits, 3)),
+                *(f"{rate:.0f}", f"{error:.2f}", f"{own:.2f}", f"{snr_hf(texture, y):.1f}"),
+                *similar,
+            ]
+        )
+    print(f"## Texture from a model, over lines of {MODEL_LINES}\n")
+    headers = ["texture", "order", "bits a sample", "of it NOIS", "NOIS bit/s", "band error dB"]
+    headers += [f"itself {APART_S:g} s later", "SNR dB", *["ST-SIM", "SPQI"] * HAS_PACKAGE]
+    print_table(headers, rows)
 
 
 @click.command(help=__doc__)
@@ -350,11 +468,14 @@ def main(data: Path | None, quick: bool, codecs: tuple[str, ...], samples: int) 
     every = [curves_of(texture, chosen) for texture in textures]
     for wanted in SNR_DB:
         print_qualities(f"SNR above 20 Hz: {wanted:g} dB", every, snr_hf, wanted)
-    if find_spec("vibromaf"):
+    steep = f"SNR above 20 Hz by a steeper filter: {STEEP_DB:g} dB"
+    print_qualities(steep, every, snr_steep, STEEP_DB)
+    if HAS_PACKAGE:
         print_qualities(f"ST-SIM {ST_SIM:g}", every, st_sim, ST_SIM)
         print_qualities(f"SPQI {SPQI:g}", every, spqi, SPQI)
     else:
         print("ST-SIM and SPQI need: pip install 'hapfmt[metrics]'\n")
+    print_models(every)
     if not quick:
         print_signals([curves_of(texture, chosen) for texture in generated()])
 

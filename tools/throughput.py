@@ -22,7 +22,7 @@ from measured import best_of, print_origin, print_table
 from peers.exact import flac_decode, flac_encode
 
 import hapfmt
-from hapfmt.codecs import exact, knots, predicted, quantised
+from hapfmt.codecs import exact, knots, noise, predicted, quantised
 from hapfmt.codecs.knots import KnotParameters, build_knots
 from hapfmt.codecs.predicted import decode_indices
 from hapfmt.codecs.quantised import encode_quantised, quantise
@@ -31,10 +31,13 @@ from hapfmt.deadband import Deadband
 from hapfmt.encoder import predict
 from hapfmt.encoder.knots import select_knots
 from hapfmt.encoder.predict import encode_best
-from hapfmt.encoder.unit import choose_codebook
+from hapfmt.encoder.source import InputBlock
+from hapfmt.encoder.synthetic import code_texture
+from hapfmt.encoder.unit import choose_codebook, whole_range
 from hapfmt.format.track import Affine
 from hapfmt.lab.scenes.stylus import simulate
 from hapfmt.limits import LEVELS
+from hapfmt.recording import Calibration, Channel, Span
 from hapfmt.split import low_pass
 
 LEVEL = LEVELS[2]
@@ -128,6 +131,32 @@ def doubles(samples: int, twin_samples: int) -> list[list[object]]:
     return rows
 
 
+def models(counts: np.ndarray, rate: float, twin_samples: int) -> list[list[object]]:
+    """NOIS with some orders, both loops as above. Encoding finds the model of the texture."""
+    texture = counts[:, 0] - np.rint(low_pass(counts.astype(float), rate)[:, 0]).astype(np.int64)
+    rows = []
+    built = noise.compiled
+    for order, kernel in ((8, built), (16, built), (32, built), (8, None)):
+        if kernel is None and built is None and rows:
+            continue
+        noise.compiled = kernel
+        n = twin_samples if kernel is None else len(texture)
+        channel = Channel(texture[:n], int(rate), calibration=Calibration(1, 0, 1))
+        source = InputBlock((channel,), texture[:n, None], (Span(0, n),))
+        given = source, texture[:n], 0.0, whole_range(source, 0), order
+        coded = code_texture(*given)
+        parameters = noise.NoiseParameters.parse(coded.track.parameters, 0)
+        data = coded.packets[0].data
+        rows.append(
+            [f"model of order {order}, {'compiled' if kernel else 'readable'}",
+             f"{8 * len(data) / n:.3f}", speed(n, lambda g=given: code_texture(*g), 3),
+             speed(n, lambda d=data, m=n, p=parameters: noise.decode_within(
+                 d, p, m, 1, 0, *RANGE), 3)]
+        )  # fmt: skip
+    noise.compiled = built
+    return rows
+
+
 def flac(counts: np.ndarray, rate: int) -> list[object]:
     """flac at its highest level through soundfile."""
     data, n = flac_encode(counts[:, 0], rate), len(counts)
@@ -175,7 +204,8 @@ def main() -> None:
     print(f"one channel, {samples} samples of a simulated texture at 8 kHz; million samples a "
           "second of CPU time\n")  # fmt: skip
     rows = [*codecs(counts, 8000.0), *predictions(counts, twin_samples),
-            *doubles(DOUBLES // share, twin_samples), flac(counts, 8000)]  # fmt: skip
+            *doubles(DOUBLES // share, twin_samples), *models(counts, 8000.0, twin_samples),
+            flac(counts, 8000)]  # fmt: skip
     print_table(["codec", "b/sample", "encode Ms/s", "decode Ms/s"], rows)
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "one.hapf")

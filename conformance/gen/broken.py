@@ -19,7 +19,8 @@ RECOVERED = [0, DAMAGED]
 NOTHING = "framing/nothing"
 """No chunk, so nothing to recover."""
 
-REFUSED = {"COD", "DAT-009", "EVT", "EXA", "KNT", "KTE", "LIM", "LPC", "QNT", "RAW", "RNG"}
+REFUSED = {"COD", "DAT-009", "EVT", "EXA", "KNT", "KTE", "LIM", "LPC", "MDC", "NOI", "QNT", "RAW",
+           "RNG"}  # fmt: skip
 """Rules that a decoder keeps (SPEC 16): it refuses what breaks one."""
 
 HEAD, TRACK, DATA = ("HEAD", f.head()), f.TRACK_0, f.DATA_0
@@ -29,7 +30,7 @@ END = DATA_AT + f.HEADER + len(DATA[1])
 """Offset of the chunk after HEAD, TRACK, DATA."""
 
 
-CODECS = ("EVNT", "KNOT", "LPCR", "LPCX", "QUAN", "RAWB")
+CODECS = ("EVNT", "KNOT", "LPCR", "LPCX", "MDCT", "NOIS", "QUAN", "RAWB")
 
 
 ENDS = ("alone", "and-a-byte", "cut-short", "missing", "none", "of-no-bytes", "past-the-packet",
@@ -99,7 +100,7 @@ def described(tlvs: bytes = f.HOLD, *more: Any, packet: bytes = f.KNOT_DATA, spa
               start: int = 0, first: int = 0, level: int = 1, **fields: Any) -> bytes:  # fmt: skip
     """A closed file of one series, whose first track has one packet."""
     return f.closed(
-        ("HEAD", f.head(level=level)),
+        ("HEAD", f.head(level=level, minor=f.minor_of(fields.get("codec", b"").decode("latin-1")))),
         ("TRAK", f.trak(tlvs, **fields), {"track": first}),
         ("DATA", f.cluster((first, start, span, packet))),
         *more,

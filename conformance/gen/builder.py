@@ -118,10 +118,10 @@ class File:
         self.fields += header + payload
         self.sequence += 1
 
-    def head(self, level: int = 1) -> None:
+    def head(self, level: int = 1, minor: int = 0) -> None:
         payload = [
             u8(1, "major version"),
-            u8(0, "minor version"),
+            u8(minor, "minor version"),
             u8(level, "level"),
             u8(0, "reserved"),
             u32(0, "incompatible features: none"),
@@ -130,7 +130,7 @@ class File:
             i64(0, "epoch: not known"),
             u64((1 << 64) - 1, "epoch uncertainty: not known"),
         ]
-        about = f"version 1.0, level {level}, no UUID, epoch not known"
+        about = f"version 1.{minor}, level {level}, no UUID, epoch not known"
         self.chunk("HEAD", [raw(joined(payload), about)] if self.brief else payload)
 
     def index(self) -> None:

@@ -29,6 +29,7 @@ NO_APPEND = "a writer that appends: the verbs of an adapter append to no file"
 NO_PLAYER = "a player: shows on a device and in time; the verbs of an adapter play nothing"
 REASONS = {
     "ATT-002": "a reader that stores attachments: the verbs of an adapter store none",
+    "NOI-002": "a program for people: the verbs of an adapter print, convert and play nothing",
     "WRT-001": "review: shows only in what a kill leaves; run.py cuts what encoders wrote",
     **{f"WRT-00{n}": NO_APPEND for n in (6, 7)},
     **{f"EDT-00{n}": NO_EDITOR for n in range(1, 10)},

@@ -19,9 +19,11 @@ import deflate
 import forge
 import page_exact
 import page_knots_coded
+import page_noise
 import page_predicted
 import page_quantised
 import page_raw
+import page_transform
 from builder import (
     Field,
     File,
@@ -426,6 +428,39 @@ a reference of weight 1/2. Channel 0 is {" ".join(map(str, squares))}, then 5 5 
     return Example(f, note, expected)
 
 
+def transformed() -> Example:
+    f = File(0x0000000E, brief=True)
+    f.head(minor=1)
+    parameters = [
+        u8(5, "blocks of 32 coefficients"), varint(256, "step 256/256: one count"),
+        u8(0, "no weights"),
+    ]  # fmt: skip
+    f.chunk(
+        "TRAK",
+        plain(track("MDCT", low=0, high=200, tlvs=[(1, "codec parameters", parameters)])),
+        track=0,
+    )
+    steps = page_transform.steps(5, 256)
+    packet = page_transform.encode([[12, 0], [0, 10]], steps, 100, classes=(0, 4))
+    counts = page_transform.decode(packet, 48, 5, steps)
+    body = [
+        svarint(100, "base 100"),
+        varint(2, "two coefficients of each block"),
+        u8(0x40, "classes: 0 of quantiser 0, 4 of quantiser 1"),
+        u8(12, "averages begin at 32"),
+        raw(packet[5:], "coded bytes: 12, 0, then 0, 10"),
+    ]
+    assert joined(body) == packet
+    f.cluster([(0, 0, body, 48), (0, 48, [svarint(100, "base 100"), varint(0, "none")], 4)],
+              (0, 52 * MS))  # fmt: skip
+    f.close(1)
+    note = f"""Codec `MDCT`: 48 ticks in two blocks, then a packet without coefficients. All
+integers are even: the state is 0 throughout, and a coefficient is twice its integer. Block 0 is 24
+times a quarter of a cosine, block 1 is 20 times three quarters. From tick 16 to 47 they are mixed.
+The counts are {" ".join(map(str, counts))}, then 100 100 100 100."""
+    return Example(f, note, {"0": [span(0, *counts, 100, 100, 100, 100)]})
+
+
 def exact() -> Example:
     f = File(0x00000008, brief=True)
     f.head()
@@ -517,6 +552,38 @@ values of channel 1 are {" ".join(map(repr, y))}; their corrections are {shown(a
     exact = [[f"{word % 2**64:016x}" for word in row] for row in words]
     expected = {str(number): [span(0, *row)] for number, row in enumerate(counts)}
     return Example(f, note, expected | {"exact": [{"start": 0, "exact": row} for row in exact]})
+
+
+def synthetic() -> Example:
+    f = File(0x0000000D, brief=True)
+    f.head(minor=1)
+    model = [u8(3, "intervals of 2^3 ticks"), u8(8, "8 intervals in a block")]
+    slow = track("KNOT", kind=1, low=-100, high=100, tlvs=[knots()])
+    fast = track(
+        "NOIS", kind=2, low=-100, high=100, linked=0, tlvs=[(1, "codec parameters", model)]
+    )
+    f.chunk("TRAK", plain(slow, fast), track=0)
+    gains, ks = [30, 34, 0], [100, -80]
+    data = page_noise.encode(gains, [ks], 8, seed=2024)
+    e = page_noise.decode(data, 3, 8, 20)
+    assert max(map(abs, e)) <= 100
+    texture = [
+        u8(2, "two coefficients"),
+        u8(0, "noise at every tick"),
+        u32(2024, "seed"),
+        u8(30, "gain index of interval 0"),
+        raw(data[7:9], "gains: class 0, one state; averages begin at 32"),
+        raw(data[9:11], "coefficients: class 0; averages begin at 32"),
+        raw(data[11:], "coded bytes: gain differences 4, -34; coefficients 100, -80"),
+    ]
+    f.cluster([(0, 0, [svarint(7, "a single knot: constant 7")], 20), (1, 0, texture, 20)],
+              (0, 20 * MS))  # fmt: skip
+    f.close(2)
+    note = f"""Codec `NOIS`: a constant force with a synthetic texture above it. The first 8 ticks
+have the gain G(30) = {page_noise.gain_of(30)}. It rises to G(34) = {page_noise.gain_of(34)} over
+the next 8, and falls to 0 over the last interval, of which the packet has 4 ticks. The HF track
+decodes to {shown(e)}; the channel is 7 more."""
+    return Example(f, note, {"0": [span(0, *(7 + each for each in e))]})
 
 
 def shown(numbers: Sequence[int]) -> str:
@@ -669,6 +736,8 @@ MAKERS: dict[str, Callable[[], Example]] = {
     "predicted": predicted,
     "exact": exact,
     "linear": linear,
+    "transformed": transformed,
+    "synthetic": synthetic,
     "described": described,
     "digests": digests,
     "salvaged": salvaged,

@@ -138,7 +138,9 @@ def recording(*tracks: Track, layers: Sequence[Layer] = (), before: Sequence[Any
         a, b = times.get(cluster, (begin, end))
         times[cluster] = min(a, begin), max(b, end)
     late_ones = [track.chunk for track in (*tracks, *layers) if track.id in late]
-    chunks: list[Any] = [("HEAD", f.head(level=level) if head is None else head)]
+    if head is None:
+        head = f.head(level=level, minor=f.minor_of(*(track.codec for track in tracks)))
+    chunks: list[Any] = [("HEAD", head)]
     for track in (*tracks, *layers):
         if getattr(track, "joined", False):
             type_, payload, header = chunks[-1]

@@ -68,6 +68,11 @@ def head(tlvs: bytes = b"", **given) -> bytes:
     return pack("BBBBII16sqQ", fields, given) + tlvs
 
 
+def minor_of(*codecs: str) -> int:
+    """The minor version of a file with tracks of these codecs."""
+    return int(not {"MDCT", "NOIS"}.isdisjoint(codecs))
+
+
 def tlv(type_: int, value: bytes) -> bytes:
     return struct.pack("<HH", type_, len(value)) + value
 
@@ -113,6 +118,10 @@ def coded_knot_parameters(interpolation: int = 0, **grid: int) -> bytes:
     return knot_parameters(interpolation, coding=1, **grid)
 
 
+def nois_parameters(shift: int = 3, intervals: int = 8) -> bytes:
+    return bytes([shift, intervals])
+
+
 def lpcx_parameters(rule: int = 0, digits: int = 0, reserved: bytes = bytes(2),
                     coefficients: Sequence[float] = (),
                     terms: Sequence[tuple[int, int, float]] = ()) -> bytes:  # fmt: skip
@@ -121,6 +130,13 @@ def lpcx_parameters(rule: int = 0, digits: int = 0, reserved: bytes = bytes(2),
     rows = b"".join(struct.pack("<BBd", *term) for term in terms)
     count = bytes([len(terms) or reserved[0], reserved[1]])
     return struct.pack("<BB2s", rule, digits, count) + numbers + rows
+
+
+def mdct_parameters(m: int = 5, step: int = 256, weights: Sequence[int] = (),
+                    count: int | None = None) -> bytes:  # fmt: skip
+    """``count``: of the weights, where it is not theirs."""
+    n = len(weights) if count is None else count
+    return bytes([m]) + varint(step) + bytes([n, *weights])
 
 
 HOLD = tlv(1, knot_parameters())

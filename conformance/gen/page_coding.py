@@ -143,6 +143,39 @@ def code_bits(coder, count, p, bits=None):
     return out
 
 
+def context_of(mean):
+    """(context, h) of a block whose averages have this mean"""
+    lg = max(bits_of(mean), 1) - 1
+    fr = mean * 4 // 2**lg % 4
+    return max(0, 4 * min(lg, 10) + fr - 8), max(0, lg - 10)
+
+
+def symbol_of(e, h):
+    return sum(abs(e) // 2**h >= edge for edge in EDGES) - 1
+
+
+def code_rest(coder, k, h, signs, e=None):
+    """The integer whose symbol is k: what is raw of it."""
+    u = None if e is None else abs(e)
+    if k < 15:
+        low = EDGES[k] * 2**h
+        got = low + coder.number(EXTRA[k] + h, None if u is None else u - low)
+    else:
+        y = None if u is None else u // 2**h - 43
+        length = coder.number(6, None if u is None else bits_of(y) - 1)
+        rest = coder.number(length, None if u is None else y - 2**length)
+        high = 2**length + rest + 43
+        got = high * 2**h
+        if coder.coded is None or got < 2**34:
+            got += coder.number(h, None if u is None else u % 2**h)
+    if coder.coded is not None and got >= 2**34:
+        raise BrokenRule("RNG-003")
+    minus = 0
+    if signs and got > 0:
+        minus = coder.number(1, None if e is None else int(e < 0))
+    return -got if minus else got
+
+
 def code_integers(coder, count, number, a, signs, integers=None):
     """A section of integers of a class; ``signs``: with raw signs."""
     coder.section()
@@ -151,41 +184,16 @@ def code_integers(coder, count, number, a, signs, integers=None):
     for start in range(0, count, 8):
         size = min(8, count - start)
         told = None if integers is None else integers[start : start + size]
-        mean = (f + s) // 2
-        lg = max(bits_of(mean), 1) - 1
-        fr = mean * 4 // 2**lg % 4
-        h = max(0, lg - 10)
-        c = max(0, 4 * min(lg, 10) + fr - 8)
+        c, h = context_of((f + s) // 2)
         ends = class_ends(number, c)
         ks = [
-            coder.symbol(
-                ends,
-                None if told is None else sum(abs(told[i]) // 2**h >= edge for edge in EDGES) - 1,
-            )
-            for i in range(size)
+            coder.symbol(ends, None if told is None else symbol_of(told[i], h)) for i in range(size)
         ]
         total = 0
         for i, k in enumerate(ks):
-            e = None if told is None else told[i]
-            u = None if e is None else abs(e)
-            if k < 15:
-                low = EDGES[k] * 2**h
-                got = low + coder.number(EXTRA[k] + h, None if u is None else u - low)
-            else:
-                y = None if u is None else u // 2**h - 43
-                length = coder.number(6, None if u is None else bits_of(y) - 1)
-                rest = coder.number(length, None if u is None else y - 2**length)
-                high = 2**length + rest + 43
-                got = high * 2**h
-                if coder.coded is None or got < 2**34:
-                    got += coder.number(h, None if u is None else u % 2**h)
-            if coder.coded is not None and got >= 2**34:
-                raise BrokenRule("RNG-003")
-            minus = 0
-            if signs and got > 0:
-                minus = coder.number(1, None if e is None else int(e < 0))
-            out.append(-got if minus else got)
-            total += got
+            e = code_rest(coder, k, h, signs, None if told is None else told[i])
+            out.append(e)
+            total += abs(e)
         coder.check()
         f += (32 * total - f) // 2
         s += 3 * (32 * total - s) // 16

@@ -307,6 +307,8 @@ types:
             '"RAWB"': rawb_parameters
             '"LPCR"': lpcr_parameters
             '"LPCX"': lpcx_components
+            '"MDCT"': mdct_parameters
+            '"NOIS"': nois_parameters
         doc: The parameters; bytes where the codec is not known.
   knot_parameters:
     doc-ref: SPEC.md 9.1
@@ -409,6 +411,15 @@ types:
         repeat: expr
         repeat-expr: terms
         doc: The terms of rule 4.
+  nois_parameters:
+    doc-ref: SPEC.md 9.10
+    seq:
+      - id: shift
+        type: u1
+        doc: An interval has 2^shift ticks.
+      - id: intervals
+        type: u1
+        doc: Intervals of a block.
   lpcx_term:
     doc-ref: SPEC.md 9.7
     seq:
@@ -421,6 +432,23 @@ types:
       - id: w
         type: f8
         doc: Of its exact value.
+  mdct_parameters:
+    doc-ref: SPEC.md 9.8
+    seq:
+      - id: m
+        type: u1
+        doc: A block has 2^m coefficients.
+      - id: step
+        type: varint
+        doc: In 256ths of a count.
+      - id: weight_count
+        type: u1
+        doc: n, number of weights; 0 means none.
+      - id: weights
+        type: u1
+        repeat: expr
+        repeat-expr: weight_count
+        doc: 32 times the factor on the step of each band.
   calibration_list:
     doc: Physical value = (count * A + B) / D.
     doc-ref: SPEC.md clause 8

@@ -162,6 +162,11 @@ def lpcx_term(c: Cursor) -> Plain:
     return c.fixed("LPCX term")
 
 
+def mdct(c: Cursor) -> Plain:
+    out: Plain = {"m": c.u8(), "step": c.varint(), "weight_count": c.u8()}
+    return out | {"weights": c.times(out["weight_count"], Cursor.u8)}
+
+
 def f64(c: Cursor) -> float:
     value: float = struct.unpack("<d", c.take(8))[0]
     return value
@@ -270,7 +275,7 @@ VALUES = {
 }  # fmt: skip
 PARAMETERS = {
     "KNOT": knot, "QUAN": quan, "RAWB": lambda c: c.fixed("RAWB parameters"), "LPCR": grid,
-    "LPCX": lpcx,
+    "LPCX": lpcx, "MDCT": mdct, "NOIS": lambda c: c.fixed("NOIS parameters"),
 }  # fmt: skip
 
 

@@ -16,7 +16,14 @@ TRUNCATED = "int((sum(a * b for a, b in zip(c, history, strict=True)) + 4096) / 
 CROSS = "codecs.predicted:cross_terms"
 TAPS = "codecs.predicted:taps_of"
 GRID = "codecs.grids:deadband_levels"
-BUCKETS = (f"{CODER}._magnitude", ENDS)
+LAPPED = "codecs.transform:inverse"
+COEFFICIENTS = "codecs.transform:decode_coefficients"
+NEIGHBOURS = "codecs.transform:Neighbours"
+STEPS = "codecs.transform:TransformParameters.steps"
+NOISE = "codecs.noise:noise"
+TEXTURE = "codecs.noise:synthesise"
+LATTICE = "codecs.noise:step_lattice"
+BUCKETS = (f"{CODER}.magnitude", ENDS)
 
 MUTANTS = (
     mutant(
@@ -123,7 +130,7 @@ MUTANTS = (
         "escape-length-short",
         "The length of an escape has five bits.",
         "RNG-001 RNG-003",
-        Edit(f"{CODER}._magnitude", "self.raw(6)", "self.raw(5)"),
+        Edit(f"{CODER}.magnitude", "self.raw(6)", "self.raw(5)"),
     ),
     mutant(
         "signs-without-context",
@@ -401,5 +408,193 @@ MUTANTS = (
             "    u = 1 << (length - 1) | self.raw(length - 1) if length else 0\n"
             "    e = -u if negative else u",
         ),
+    ),
+    mutant(
+        "transform-state-by-block",
+        "The state of the quantisers begins with each block of MDCT anew.",
+        "MDC-003 CNV-001",
+        Edit(COEFFICIENTS, "a1 = a2 = near.mean[0]", "a1 = a2 = near.mean[0]; state = 0"),
+    ),
+    mutant(
+        "transform-state-by-level",
+        "The next state follows from the level of a coefficient, not from its integer.",
+        "MDC-003 CNV-001",
+        Edit(COEFFICIENTS, "NEXT[state][u & 1]", "NEXT[state][level_of(u, quantiser) & 1]"),
+    ),
+    mutant(
+        "transform-zero-of-quantiser-1",
+        "The integer 0 of quantiser 1 is minus one step.",
+        "MDC-003 CNV-001",
+        Edit(
+            "codecs.transform:level_of",
+            "max(2 * magnitude - quantiser, 0)",
+            "2 * magnitude - quantiser",
+        ),
+    ),
+    mutant(
+        "transform-states-swapped",
+        "Two entries of the table of states are swapped.",
+        "MDC-003 CNV-001",
+        Rebind("codecs.transform:NEXT", "NEXT[:6] + ((1, 3), (6, 4))", (COEFFICIENTS,)),
+    ),
+    mutant(
+        "transform-classes-swapped",
+        "Quantiser 0 has the class in the upper bits.",
+        "RNG-004 RNG-001",
+        Edit(COEFFICIENTS, "classes >> 4 * quantiser & 15", "classes >> 4 * (1 - quantiser) & 15"),
+    ),
+    mutant(
+        "transform-neighbours-begin-at-0",
+        "Before the first coefficient of a block there are zeros, not its average.",
+        "RNG-001 MDC-002",
+        Edit(COEFFICIENTS, "a1 = a2 = near.mean[0]", "a1 = a2 = 0"),
+    ),
+    mutant(
+        "transform-neighbours-end-with-0",
+        "Behind the last coefficient that is coded there is a zero.",
+        "RNG-001 MDC-002",
+        Edit(f"{NEIGHBOURS}.around", "p[min(k + 1, last)]", "(p[k + 1] if k < last else 0)"),
+    ),
+    mutant(
+        "transform-averages-truncate",
+        "What the average of a coefficient moves by is rounded towards zero.",
+        "RNG-001",
+        Edit(f"{NEIGHBOURS}.learn", "(p - e) // 4", "int((p - e) / 4)"),
+    ),
+    mutant(
+        "transform-sum-unchecked",
+        "The coefficients of a block may be of any size.",
+        "MDC-003",
+        Edit(COEFFICIENTS, "if total > SUM_LIMIT:", "if False:"),
+    ),
+    mutant(
+        "transform-mirrored",
+        "Where two blocks meet, the signs of the window are swapped.",
+        "CNV-001",
+        Edit(LAPPED, "w * right - z * left", "w * right + z * left"),
+        Edit(LAPPED, "w * left + z * right", "w * left - z * right"),
+    ),
+    mutant(
+        "transform-rounds-down",
+        "The sums of a block are rounded down.",
+        "CNV-001",
+        Edit(LAPPED, "v += 1 << (COSINE_BITS - 1)", "v += 0"),
+    ),
+    mutant(
+        "transform-ends-round-down",
+        "The first and the last half block are rounded down.",
+        "CNV-001",
+        Edit(LAPPED, "x = (v + UNIT // 2) // UNIT", "x = v // UNIT"),
+    ),
+    mutant(
+        "transform-rounds-once",
+        "The sums of a block are not rounded before blocks are mixed.",
+        "CNV-001",
+        Edit(
+            LAPPED,
+            "v = (coefficients @ waves(size)).astype(np.int64)",
+            "u = (coefficients @ waves(size)) / 32768\n"
+            "    v = (coefficients @ waves(size)).astype(np.int64)",
+        ),
+        Edit(
+            LAPPED,
+            "right, left = v[1:, : size // 2], v[:-1, : size // 2 - 1 : -1]",
+            "right, left = u[1:, : size // 2], u[:-1, : size // 2 - 1 : -1]",
+        ),
+        Edit(
+            LAPPED,
+            "(w * right - z * left + (1 << 22)) >> 23",
+            "np.floor((w * right - z * left + (1 << 22)) / (1 << 23))",
+        ),
+        Edit(
+            LAPPED,
+            "(w * left + z * right + (1 << 22)) >> 23",
+            "np.floor((w * left + z * right + (1 << 22)) / (1 << 23))",
+        ),
+    ),
+    mutant(
+        "cosines-round-down",
+        "The table of cosines is rounded down.",
+        "CNV-001",
+        Edit("codecs.transform:cosines", "(1 << COSINE_BITS) + 0.5", "(1 << COSINE_BITS)"),
+    ),
+    mutant(
+        "weights-round-down",
+        "The step of a band is rounded down.",
+        "MDC-001 CNV-001",
+        Edit(STEPS, "rdiv(self.step * weight, WEIGHT_ONE)", "self.step * weight // WEIGHT_ONE"),
+    ),
+    mutant(
+        "weights-may-be-0",
+        "The step of a band may be 0.",
+        "MDC-001",
+        Edit(
+            STEPS,
+            "max(1, rdiv(self.step * weight, WEIGHT_ONE))",
+            "rdiv(self.step * weight, WEIGHT_ONE)",
+        ),
+    ),
+    mutant(
+        "noise-off-centre",
+        "The sum of the bytes of the noise is not doubled.",
+        "CNV-001",
+        Edit(NOISE, "2 * ((w >> 8 & 255)", "1 * ((w >> 8 & 255)"),
+    ),
+    mutant(
+        "noise-pulse-too-many",
+        "A pulse also comes where the lowest byte is the density.",
+        "CNV-001",
+        Edit(NOISE, "w & 255 >= density", "w & 255 > density"),
+    ),
+    mutant(
+        "gain-from-silence",
+        "The gain of the first interval rises from 0.",
+        "CNV-001",
+        Edit(TEXTURE, 'array("q"), gains[0]', 'array("q"), 0'),
+    ),
+    mutant(
+        "gain-in-steps",
+        "The gain is that of the interval, without a line from the one before.",
+        "CNV-001",
+        Edit(TEXTURE, "low + ((high - low) * i >> parameters.shift)", "high"),
+    ),
+    mutant(
+        "silence-keeps-the-state",
+        "In silence the filter keeps its state.",
+        "CNV-001",
+        Edit(TEXTURE, "            g = [0] * model.order\n", ""),
+    ),
+    mutant(
+        "silent-block-of-zeros",
+        "After a silent block coefficients differ from zeros, not from the last ones.",
+        "NOI-006",
+        Edit(
+            "codecs.noise:read_blocks",
+            "        blocks.append(before)",
+            "        before = [0] * model.order if quiet else before\n"
+            "        blocks.append(before)",
+        ),
+    ),
+    mutant(
+        "lattice-rounds-down",
+        "The filter divides without rounding.",
+        "CNV-001",
+        Edit(LATTICE, "rdiv(ks[j] * g[j], 1 << SINE_SHIFT)", "(ks[j] * g[j] >> SINE_SHIFT)"),
+    ),
+    mutant(
+        "lattice-ties",
+        "A product is taken off as its negative is added: ties are rounded the other way.",
+        "CNV-001",
+        Edit(
+            LATTICE,
+            "g[j] - rdiv(ks[j] * f, 1 << SINE_SHIFT)",
+            "g[j] + rdiv(-ks[j] * f, 1 << SINE_SHIFT)",
+        ),
+    ),
+    mutant(
+        "lattice-unclamped",
+        "The state of the filter is not clamped.",
+        "CNV-001",
+        Edit("codecs.noise:within", "return clamp(x, -STATE_MOST - 1, STATE_MOST)", "return x"),
     ),
 )

@@ -154,4 +154,48 @@ MUTANTS = (
         Edit("digest.js", "this.spans.forEach(([start, stop], i)", "[].forEach(([start, stop], i)"),
         role="verifier",
     ),
+    javascript(
+        "state-of-a-negative",
+        "The remainder of a negative integer chooses the next state.",
+        "MDC-003 CNV-001",
+        Edit("mdct.js", "this.state + (magnitude % 2)", "this.state + (integer % 2)"),
+    ),
+    javascript(
+        "sums-of-32-bits",
+        "The sums of a block are cut to 32 bits.",
+        "CNV-001 MDC-003",
+        Edit("mdct.js", "v[j] += x * wave[j];", "v[j] = (v[j] + x * wave[j]) | 0;"),
+    ),
+    javascript(
+        "averages-of-32-bits",
+        "The averages of coefficients move by 32 bits.",
+        "RNG-001 RNG-003",
+        Edit("mdct.js", "Math.floor((P[k] - E[k]) / 4)", "(P[k] - E[k]) >> 2"),
+    ),
+    javascript(
+        "mixed-in-place",
+        "Where two blocks meet, the second sample is mixed from the first one as it is by then.",
+        "CNV-001",
+        Edit(
+            "mdct.js",
+            "rdiv(w[i] * right - z[i] * left, 8388608)",
+            "rdiv(w[i] * right - z[i] * before[M - 1 - i], 8388608)",
+        ),
+    ),
+    javascript(
+        "sums-not-cleared",
+        "The sums of a block are added to what is left of an earlier one.",
+        "CNV-001",
+        Edit("mdct.js", "v.fill(0);", ""),
+    ),
+    javascript(
+        "noise-products-rounded",
+        "The products of the noise are those of doubles, not of 32 bits.",
+        "CNV-001",
+        Edit(
+            "nois.js",
+            "w = Math.imul(w ^ (w >>> 16), 2246822507);",
+            "w = ((w ^ (w >>> 16)) * 2246822507) | 0;",
+        ),
+    ),
 )

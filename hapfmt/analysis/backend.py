@@ -5,7 +5,7 @@
     tree = xarray.open_datatree("touch.hapf")                # a group for each rate, and events
 
 The arrays keep a path and not an open file, so that processes and other machines can read them. A
-file that is another one when it is opened again is refused.
+file that was changed or replaced since is an error at each reading.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -25,8 +26,16 @@ from numpy.typing import NDArray
 from xarray.backends import BackendArray, BackendEntrypoint, CachingFileManager
 from xarray.core import indexing
 
-from ..datasets import About, DatasetVariable, clock_maps, dataset_of, events_of, rate_names
-from ..errors import ParameterError, unknown
+from ..datasets import (
+    About,
+    DatasetVariable,
+    clock_maps,
+    dataset_of,
+    events_of,
+    rate_names,
+    time_names,
+)
+from ..errors import LimitError, ParameterError, unknown
 from ..format.source import is_url
 from ..format.wire import SIGNATURE
 from ..reading.catalogue import FalseIndexError
@@ -80,15 +89,26 @@ class ChannelArray(BackendArray):
     def read(self, start: int, stop: int) -> NDArray[np.float64]:
         """The values of the places [start, stop)."""
         first, last = self.first + start, self.first + stop
-        reader = unchanged(self.files.acquire(), self.version)
-        (channel,) = read_ticks(reader, [reader.by_number()[self.number]], first, last)
-        return channel.filled(first, last)
+        try:
+            with unchanged(self.files.acquire(), self.version) as reader:
+                (channel,) = read_ticks(reader, [reader.by_number()[self.number]], first, last)
+            return channel.filled(first, last)
+        except LimitError as error:
+            # Its advice is for other calls.
+            fact = error.message.partition(": raise ")[0].partition("; take ")[0]
+            raise LimitError(
+                f"{fact}; take a part of the time, or open the file with chunks={{}}",
+                requirement=error.requirement,
+                offset=error.offset,
+                path=error.path,
+            ) from None
 
 
 class HapfFile:
     """What the groups of one file have in common."""
 
-    def __init__(self, path: str, *, drop: Iterable[str], clocks: bool) -> None:
+    def __init__(self, path: str, *, drop: Iterable[str], clocks: bool, is_tree: bool) -> None:
+        self.is_tree = is_tree
         self.files = CachingFileManager(open_reader, path, mode="r")
         self.reader: PartReader = self.files.acquire()
         try:
@@ -100,19 +120,28 @@ class HapfFile:
             self.files.close()
             raise
 
+    def named(self, label: str) -> str:
+        """A tree has no variables with a slash in their names."""
+        return label.replace("/", "_") if self.is_tree else label
+
     def learn(self, drop: set[str], *, clocks: bool) -> None:
         reader = self.reader
         self.version = version_of(reader)
         self.refs = reader.channels
-        self.names = variable_names([ref.label for ref in self.refs])
         self.rate_of = {ref.number: ref.track.rate for ref in self.refs}
         self.rates = rate_names(self.rate_of.values())
+        labels = [self.named(ref.label) for ref in self.refs]
+        self.names = variable_names(labels, time_names(self.rates))
         self.kept = [
             (name, ref) for name, ref in zip(self.names, self.refs, strict=True) if name not in drop
         ]
         check_channels(reader, [ref for _, ref in self.kept])
         self.extents = extents_of(reader.catalogue, [ref for _, ref in self.kept])
-        self.maps = clock_maps(reader.clocks, reader.clock_maps) if clocks else []
+        maps = clock_maps(reader.clocks, reader.clock_maps) if clocks else []
+        self.maps = [
+            one if one.clock == name else replace(one, clock=name)
+            for one, name in zip(maps, [self.named(one.clock) for one in maps], strict=True)
+        ]
         reader.refuse_damage()
         head = reader.catalogue.head
         self.about = About(
@@ -169,11 +198,25 @@ class HapfFile:
         return found
 
 
+WITHOUT_MEANING = (
+    "mask_and_scale",
+    "decode_times",
+    "decode_timedelta",
+    "use_cftime",
+    "concat_characters",
+    "decode_coords",
+)
+"""Keywords of xarray for files whose values are decoded after they are read."""
+
+
 class HapfBackend(BackendEntrypoint):
     """Opens recordings in the hapf format for xarray."""
 
     description = "Open hapf recordings (.hapf) with hapfmt"
-    open_dataset_parameters = ("filename_or_obj", "drop_variables", "group", "clocks")
+    open_dataset_parameters = (
+        *("filename_or_obj", "drop_variables", "group", "clocks"),
+        *WITHOUT_MEANING,
+    )
     supports_groups = True
 
     def guess_can_open(self, filename_or_obj: Any) -> bool:
@@ -197,12 +240,15 @@ class HapfBackend(BackendEntrypoint):
         drop_variables: str | Iterable[str] | None = None,
         group: str | None = None,
         clocks: bool = True,
+        **others: Any,
     ) -> xarray.Dataset:
         """A variable for each channel; ``group``: those of one rate, such as "1000Hz", or "events".
 
         ``clocks=False`` leaves the coordinates of other clocks out. That saves requests, and 6 us
-        for each observation.
+        for each observation. The other keywords of xarray change nothing: values are in their
+        units, and times in seconds.
         """
+        refuse_others(others)
         file = opened(filename_or_obj, drop_variables, clocks=clocks)
         made: xarray.Dataset = closing(file, partial(file.group, group))
         made.set_close(file.files.close)
@@ -215,9 +261,14 @@ class HapfBackend(BackendEntrypoint):
         drop_variables: str | Iterable[str] | None = None,
         group: str | None = None,
         clocks: bool = True,
+        **others: Any,
     ) -> dict[str, xarray.Dataset]:
-        """The groups: one for each rate, such as "/1000Hz", and "/events" where there are any."""
-        file = opened(filename_or_obj, drop_variables, clocks=clocks)
+        """The groups: one for each rate, such as "/1000Hz", and "/events" where there are any.
+
+        A slash in a label becomes "_": a tree has no variables with slashes in their names.
+        """
+        refuse_others(others)
+        file = opened(filename_or_obj, drop_variables, clocks=clocks, is_tree=True)
         if group is not None and group.strip("/"):
             made: dict[str, xarray.Dataset] = {"/": closing(file, partial(file.group, group))}
         else:
@@ -233,10 +284,11 @@ class HapfBackend(BackendEntrypoint):
         drop_variables: str | Iterable[str] | None = None,
         group: str | None = None,
         clocks: bool = True,
+        **others: Any,
     ) -> xarray.DataTree:
         """As :meth:`open_groups_as_dict`, as a tree."""
         found = self.open_groups_as_dict(
-            filename_or_obj, drop_variables=drop_variables, group=group, clocks=clocks
+            filename_or_obj, drop_variables=drop_variables, group=group, clocks=clocks, **others
         )
         tree = xarray.DataTree.from_dict(found)
         for name, one in found.items():
@@ -244,20 +296,32 @@ class HapfBackend(BackendEntrypoint):
         return tree
 
 
-def opened(file: Any, drop: str | Iterable[str] | None, *, clocks: bool) -> HapfFile:
+def refuse_others(keywords: Iterable[str]) -> None:
+    for name in keywords:
+        if name not in WITHOUT_MEANING:
+            raise ParameterError(unknown("keyword", name, HapfBackend.open_dataset_parameters[1:]))
+
+
+def opened(
+    file: Any, drop: str | Iterable[str] | None, *, clocks: bool, is_tree: bool = False
+) -> HapfFile:
     if not isinstance(file, (str, os.PathLike)):
         raise ParameterError(
             f"xarray opens hapf files by path or URL, not a {type(file).__name__}; "
             "hapfmt.read(file).to_xarray() takes bytes and streams"
         )
     dropped = [drop] if isinstance(drop, str) else drop or ()
-    return HapfFile(os.fspath(file), drop=dropped, clocks=clocks)
+    path = os.fspath(file)
+    # Workers have folders of their own, and this process may go to another one.
+    path = path if isinstance(file, str) and is_url(path) else str(Path(path).absolute())
+    return HapfFile(path, drop=dropped, clocks=clocks, is_tree=is_tree)
 
 
 def closing(file: HapfFile, make: Any) -> Any:
     """The file is closed where ``make`` fails."""
     try:
-        return make()
+        with unchanged(file.reader, file.version):
+            return make()
     except BaseException:
         file.files.close()
         raise

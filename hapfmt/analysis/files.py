@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import copy
 import errno
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
 from itertools import accumulate
+from pathlib import Path
 from typing import Any
 
 from ..errors import FormatError
 from ..format.cluster import HEAD_ROOM, TableRow, parse_table, parse_table_head
+from ..format.source import is_url
 from ..format.track import unsupported_track
 from ..format.walk import header_at
 from ..format.wire import HEADER_SIZE
@@ -30,7 +33,18 @@ CHUNK_TICKS = 1 << 20
 
 
 class PartReader(Reader):
-    """One that is asked for many parts."""
+    """One that is asked for many parts, and knows the file that it opened.
+
+    A local file is known by its inode, size and time of change.
+    """
+
+    _advice = "The command hapfmt recover writes an intact copy; hapfmt.Reader reads what is intact"
+
+    def __init__(self, path: str) -> None:
+        # Before it is opened: a change in between is then seen at the first reading.
+        self.path = path
+        self.stamp = stamp_of(path)
+        super().__init__(path, strict=True)
 
     _known: tuple[Catalogue, dict[int, ChannelRef]] | None = None
 
@@ -42,22 +56,48 @@ class PartReader(Reader):
 
 def open_reader(path: str, mode: str = "r") -> PartReader:  # noqa: ARG001
     """xarray gives a mode, where it opens the file again in another process too."""
-    return PartReader(path, strict=True)
+    return PartReader(path)
 
 
-def version_of(reader: Reader) -> tuple[Any, ...]:
-    """What differs where a path leads to another file."""
+def stamp_of(path: str) -> tuple[int, ...]:
+    """Time of change, size and inode of a local file."""
+    if is_url(path):
+        return ()
+    info = Path(path).stat()
+    return info.st_mtime_ns, info.st_size, info.st_ino
+
+
+def version_of(reader: PartReader) -> tuple[Any, ...]:
+    """What differs where a path leads to another file, here or on another machine. The inode may
+    differ there for the same file."""
     source, head = reader.source, reader.catalogue.head
-    version = getattr(source, "version", None)
+    version = getattr(source, "version", reader.stamp[:1])
     return source.size, version, reader.catalogue.file_id, head.uuid if head else None
 
 
-def unchanged(reader: PartReader, version: tuple[Any, ...]) -> PartReader:
-    if version_of(reader) != version:
-        raise OSError(
-            errno.ESTALE, "the file changed after it was opened; open it again", reader.source.path
-        )
-    return reader
+@contextmanager
+def unchanged(reader: PartReader, version: tuple[Any, ...]) -> Iterator[PartReader]:
+    """Reads are in this context: of a file that changes before or meanwhile, nothing comes out."""
+    refuse_change(reader, version)
+    try:
+        yield reader
+    except OSError as error:
+        if error.errno == errno.ESTALE:  # of a URL
+            raise changed(reader) from error
+        raise
+    finally:
+        # Also after an error: a file in change looks damaged.
+        refuse_change(reader, version)
+
+
+def refuse_change(reader: PartReader, version: tuple[Any, ...]) -> None:
+    if version_of(reader) != version or stamp_of(reader.path) != reader.stamp:
+        raise changed(reader)
+
+
+def changed(reader: Reader) -> OSError:
+    message = "the file changed after it was opened; open it again"
+    return OSError(errno.ESTALE, message, reader.source.path)
 
 
 def described(ref: ChannelRef) -> Channel:

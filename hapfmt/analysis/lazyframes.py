@@ -82,7 +82,6 @@ def scan_hapf(
         at_once = BATCH if row_count is None or predicate is not None else max(row_count, 1)
         at_once = min(at_once, size or BATCH, BATCH)
         with open_reader(path) as reader:
-            unchanged(reader, version)
             chosen = [reader.by_number()[numbers[name]] for name in decoded]
             for low in range(start, stop, at_once):
                 high = min(low + at_once, stop)
@@ -91,7 +90,8 @@ def scan_hapf(
                 table: dict[str, Any] = {}
                 if "time" in used or not decoded:
                     table["time"] = seconds_of(low, high, rate)
-                parts = read_ticks(reader, chosen, low, high) if chosen else []
+                with unchanged(reader, version):
+                    parts = read_ticks(reader, chosen, low, high) if chosen else []
                 for name, part in zip(decoded, parts, strict=True):
                     column = polars.Series(name, part.filled(low, high))
                     if part.stored.size < high - low:

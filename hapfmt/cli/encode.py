@@ -354,6 +354,13 @@ _PRESET_OPTIONS = (
         "same signal-to-noise ratio.",
     ),
     click.option(
+        "--synthetic-texture",
+        is_flag=True,
+        default=None,
+        help="perceptual, in place of --quality: store a model of each texture, about 100 bit/s. "
+        "What is decoded has its spectrum and loudness, and other samples.",
+    ),
+    click.option(
         "--bits",
         type=BitsType(),
         help="paper: bits of the residual's quantiser, 2 to 16, step from its range; 0: no "

@@ -22,7 +22,7 @@ from ..format.track import Contract, Track
 from ..format.wire import id_text
 from ..limits import Limits
 from ..numbers import counted
-from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError
+from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError, TrackPair
 from ..reading.follow import Follower
 from ..reading.opening import open_catalogue
 from .common import echo_json, input_of, json_option, memory_option, tell_some
@@ -227,6 +227,7 @@ def channel_json(ref: ChannelRef) -> dict[str, Any]:
         "deviation": component.deviation
         and {"declared": component.deviation[0], "largest": component.deviation[1]},
         "exact": any(track.codec == "LPCX" for track in ref.tracks),
+        "synthetic": ref.synthetic,
         "unsupported": unsupported_of(ref),
     }
 
@@ -383,9 +384,7 @@ def channel_row(ref: ChannelRef) -> list[str]:
     step = f"{a / d:.6g}" if ref.track.number_format == "counts" else ref.track.number_format
     codings = [" + ".join(f"{t.codec} {t.kind}" for t in part.tracks) for part in ref.parts]
     bounds = [
-        bound_text(part.contract, part.track.components[ref.index], ref.index)
-        for part in ref.parts
-        if ref.index < len(part.track.components)
+        part_text(part, ref.index) for part in ref.parts if ref.index < len(part.track.components)
     ]
     return [
         component.label or f"channel {ref.number}",
@@ -396,6 +395,16 @@ def channel_row(ref: ChannelRef) -> list[str]:
         unsupported_of(ref) or each_once(bounds),
         each_once(codings),
     ]
+
+
+def part_text(part: TrackPair, index: int) -> str:
+    """The error bound of a part; a texture from a model has none, its slow part may."""
+    component = part.track.components[index]
+    if not part.synthetic:
+        return bound_text(part.contract, component, index)
+    if part.track.contract is None:
+        return "synthetic texture"
+    return f"slow part {bound_text(part.track.contract, component, index)}, synthetic texture"
 
 
 def each_once(texts: list[str]) -> str:

@@ -131,6 +131,8 @@ def name_of(check: ContractCheck) -> str:
 
 def row_of(check: ContractCheck) -> list[str]:
     bound = bound_text(check.contract, check.component, check.index).removeprefix("within ")
+    if check.synthetic:
+        bound = "synthetic texture"
     return [
         name_of(check),
         str(check.channel),

@@ -104,6 +104,14 @@ def probability(zeros: int, ones: int) -> int:
     return min(max((256 * ones + n // 2) // n, 1), 255) if n else 128
 
 
+def context_of(mean: int) -> tuple[int, int]:
+    """The context by an average of magnitudes times 256, and by how many bits magnitudes are
+    shifted there."""
+    lg = max(mean.bit_length() - 1, 0)
+    fr = (mean * 4 >> lg) % 4
+    return max(0, 4 * min(lg, 10) + fr - 8), max(0, lg - 10)
+
+
 @dataclass
 class Averages:
     """Running averages of the magnitudes before, times 256."""
@@ -118,11 +126,8 @@ class Averages:
         return cls(mean, mean)
 
     def context(self) -> tuple[int, int]:
-        """The context of the next block, and by how many bits magnitudes are shifted there."""
-        mean = (self.f + self.s) // 2
-        lg = max(mean.bit_length() - 1, 0)
-        fr = (mean * 4 >> lg) % 4
-        return max(0, 4 * min(lg, 10) + fr - 8), max(0, lg - 10)
+        """Those of the next block."""
+        return context_of((self.f + self.s) // 2)
 
     def learn(self, block: Sequence[int]) -> None:
         mean = 32 * sum(map(abs, block))
@@ -263,23 +268,26 @@ class Decoder:
             ends = ends_of(number, context)
             block = [self.symbol(ends) for _ in range(min(BLOCK, count - len(found)))]
             for i, k in enumerate(block):
-                u = self._magnitude(k, h)
-                if u >> ERROR_BITS:
-                    raise FormatError(
-                        "a magnitude of 2^34 or more", requirement="RNG-003", offset=self.place
-                    )
+                u = self.magnitude(k, h)
                 block[i] = -u if signs and u and self.raw(1) else u
             self.check()
             averages.learn(block)
             found.extend(block)
         return found
 
-    def _magnitude(self, k: int, h: int) -> int:
+    def magnitude(self, k: int, h: int) -> int:
+        """By its symbol and its raw bits, below 2**34."""
         if k < ESCAPE:
-            return (EDGES[k] << h) + self.raw(EXTRA[k] + h)
-        length = self.raw(6)
-        w = (1 << length) + self.raw(length) + EDGES[ESCAPE] - 1
-        return w << h if w >> (ERROR_BITS - h) else w << h | self.raw(h)
+            u = (EDGES[k] << h) + self.raw(EXTRA[k] + h)
+        else:
+            length = self.raw(6)
+            w = (1 << length) + self.raw(length) + EDGES[ESCAPE] - 1
+            u = w << h if w >> (ERROR_BITS - h) else w << h | self.raw(h)
+        if u >> ERROR_BITS:
+            raise FormatError(
+                "a magnitude of 2^34 or more", requirement="RNG-003", offset=self.place
+            )
+        return u
 
     def by_length(self, lengths: Lengths, *, signs: bool) -> int:
         """An integer of a section of lengths."""
@@ -308,6 +316,9 @@ class Decoder:
 class Encoder:
     """Notes sections of symbols, and writes raw bits; ``finish`` codes the symbols."""
 
+    many_pay: bool = True
+    """Whether there may be four states."""
+
     sections: list[list[tuple[int, int]]] = field(default_factory=list)
     """For each symbol, where its share begins and ends."""
 
@@ -317,7 +328,7 @@ class Encoder:
     @property
     def many(self) -> bool:
         """Whether four states pay."""
-        return sum(len(section) + 1 for section in self.sections) >= FOUR
+        return self.many_pay and sum(len(section) + 1 for section in self.sections) >= FOUR
 
     def section(self, shares: Iterable[tuple[int, int]]) -> None:
         self.sections.append(list(shares))
@@ -368,6 +379,23 @@ def start_of(numbers: Sequence[int]) -> int:
     return 4 * (lg - 2) + (mean >> (lg - 2)) % 4 if mean >= 4 else 0
 
 
+def symbol_of(u: int, h: int) -> int:
+    """The symbol of a magnitude."""
+    return bisect_right(EDGES, u >> h) - 1
+
+
+def put_rest(coder: Encoder, u: int, k: int, h: int) -> None:
+    """The raw bits of a magnitude with symbol k."""
+    if k < ESCAPE:
+        coder.raw(u - (EDGES[k] << h), EXTRA[k] + h)
+    else:
+        y = (u >> h) - EDGES[ESCAPE] + 1
+        length = y.bit_length() - 1
+        coder.raw(length, 6)
+        coder.raw(y, length)
+        coder.raw(u, h)
+
+
 def split_integers(numbers: Sequence[int], start: int) -> tuple[list[tuple[int, int]], list[int]]:
     """The context and the symbol of each integer; the shift of each."""
     averages, found, shifts = Averages.start(start), [], []
@@ -377,7 +405,7 @@ def split_integers(numbers: Sequence[int], start: int) -> tuple[list[tuple[int, 
         for e in block:
             if abs(e) >> ERROR_BITS:
                 raise ValueError(OUT_OF_RANGE)
-            found.append((context, bisect_right(EDGES, abs(e) >> h) - 1))
+            found.append((context, symbol_of(abs(e), h)))
             shifts.append(h)
         averages.learn(block)
     return found, shifts
@@ -412,14 +440,7 @@ def put_integers(coder: Encoder, numbers: Sequence[int], *, signs: bool) -> tupl
     found, shifts = split_integers(numbers, start)
     for e, (_, k), h in zip(numbers, found, shifts, strict=True):
         u = abs(e)
-        if k < ESCAPE:
-            coder.raw(u - (EDGES[k] << h), EXTRA[k] + h)
-        else:
-            y = (u >> h) - EDGES[ESCAPE] + 1
-            length = y.bit_length() - 1
-            coder.raw(length, 6)
-            coder.raw(y, length)
-            coder.raw(u, h)
+        put_rest(coder, u, k, h)
         if signs and u:
             coder.raw(int(e < 0), 1)
     counts: dict[int, int] = {}

@@ -413,6 +413,9 @@ def save(
         if c.stored.dtype.kind == "f" and (c.stored != c.stored).any()
     ]
     more = [f"NaN values of {', '.join(nans)} cannot be told from gaps there"] if nans else []
+    made = [c.label or str(i) for i, c in enumerate(recording.channels) if c.synthetic]
+    if made:
+        more.append(f"the texture of {', '.join(made)} is synthetic, which the file does not tell")
     return (*notes, *more)
 
 

@@ -684,9 +684,10 @@ def residual_alone(track: Track, residual: Track) -> Track:
     )
     size = len(components)
     floor = residual.contract.floor if residual.contract else (1,) * size
-    contract = Contract(0, 1, False, False, floor, (0,) * size)
+    # A texture from a model has none (NOI-001).
+    aim = None if residual.synthetic else Contract(0, 1, False, False, floor, (0,) * size)
     return replace(
-        residual, kind="full", base=None, unknown=(), components=components, contract=contract
+        residual, kind="full", base=None, unknown=(), components=components, contract=aim
     )
 
 

@@ -12,7 +12,7 @@ The files, in the order of the work:
   a lossy one is not smaller. unit.py decodes the result and measures the largest errors.
 * bounded.py keeps a bound on every sample: predict.py for LPCR and its packet lengths, tube.py for
   knots.
-* texture.py keeps a texture to a stated quality: split.py.
+* texture.py keeps a texture to a stated quality: split.py. synthetic.py stores a model of it.
 * unit.py is the paper's method: split.py and knots.py.
 * live.py codes blocks as they arrive, with the same functions.
 * references.py joins channels that resemble each other in one track, and fits the weights.

@@ -146,6 +146,8 @@ class TextureQuality:
     drops_silence: bool = True
     threshold_is_enough: bool = True
     text: str = "texture"
+    synthetic: bool = False
+    """Whether a model takes the place of the samples."""
 
 
 VELOCITY_WEBER = Fraction(8, 100)
@@ -265,6 +267,9 @@ class Settings:
     bitrate
         perceptual, in place of quality: kbit/s of the whole file. All textures get the same
         signal-to-noise ratio.
+    synthetic_texture
+        perceptual, in place of quality: store a model of each texture, not its samples. What is
+        decoded has the spectrum and the loudness of the texture, and other samples.
     bits
         paper: bits of its quantiser, whose range comes from the signal; 0: no HF track.
     step
@@ -313,6 +318,7 @@ class Settings:
     snr: float | None = None
     st_sim: float | None = None
     bitrate: float | None = None
+    synthetic_texture: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "k", share(self.k))
@@ -357,6 +363,10 @@ class Settings:
             raise ParameterError(f"give one of {', '.join(TARGETS)}")
         if given and not self.texture:
             raise ParameterError("texture=False leaves no texture, so give no quality for it")
+        if self.synthetic_texture and not self.texture:
+            raise ParameterError("give texture=False or synthetic_texture, not both")
+        if self.synthetic_texture and given:
+            raise ParameterError(f"a synthetic texture has no {given[0]}: give one of both")
         if self.quality is not None and self.quality not in QUALITIES:
             raise ParameterError(f"the quality is one of {', '.join(QUALITIES)}")
         if self.snr is not None and not (isinstance(self.snr, Real) and 0 < self.snr < inf):
@@ -371,6 +381,10 @@ class Settings:
     @property
     def target(self) -> TextureQuality:
         """The quality of textures. With a bit rate, the one that the search starts from."""
+        if self.synthetic_texture:
+            return TextureQuality(
+                threshold_is_enough=False, text="synthetic texture", synthetic=True
+            )
         if self.snr is not None:
             text = f"texture {self.snr:g} dB"
             return TextureQuality(self.snr, None, False, False, text)
@@ -433,6 +447,7 @@ class Settings:
         departs += [f"--felt {name}" for name in self.felt or ()]
         flags = {
             "--no-texture": not self.texture,
+            "--synthetic-texture": self.synthetic_texture,
             "--no-references": not self.references,
             "--fast": self.fast,
         }
@@ -482,6 +497,7 @@ USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
     "snr": ("snr", ("perceptual",)),
     "st_sim": ("st_sim", ("perceptual",)),
     "bitrate": ("bitrate", ("perceptual",)),
+    "synthetic_texture": ("synthetic_texture=True", ("perceptual",)),
     "bits": ("bits", ("paper",)),
     "step": ("step", ("paper",)),
     "cutoff_hz": ("cutoff_hz", ("perceptual", "paper")),

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..codecs.grids import LpcParameters
 from ..errors import ParameterError
 from ..format.cluster import Packet
-from ..format.track import Component, Contract
+from ..format.track import Component, Contract, Track
 from ..limits import EXACT_LIMIT, ZERO_LIMIT
 from ..numbers import clamp
 from ..recording import Calibration, Channel
@@ -37,6 +37,7 @@ from .plan import Promise, without_glitches
 from .predict import encode_best
 from .quality import Measure, measure_of
 from .source import InputBlock, declared_range
+from .synthetic import with_synthetic
 from .unit import (
     ENCODE_LEVEL,
     STEP_LIMIT,
@@ -216,6 +217,8 @@ def encode_textured(
     if felt.silent if target.drops_silence else felt.smooth:
         kept_as = promise.kept_as.replace(target.text, NO_TEXTURE)
         return replace(alone, kept_as=kept_as, missed=NO_TEXTURE)
+    if target.synthetic:
+        return encode_synthetic(felt, base, promise)
     if felt.fine and target.threshold_is_enough:
         unit = encode_bounded(source, base, replace(promise, k=Fraction(0)))
         assert unit
@@ -233,6 +236,23 @@ def encode_textured(
         if unit and (smallest is None or unit.size < smallest):
             best = reported(unit, felt, trial.samples, DEADBAND if trial.limited else FINER_WINS)
     return best and replace(best, kept_as=promise.kept_as)
+
+
+def encode_synthetic(felt: FeltChannel, base: Track, promise: Promise) -> Unit | None:
+    """Lines for the slow part, and a model of the texture.
+
+    The texture does not include what the lines lose of the slow part: noise in its place would
+    leave the deadband.
+    """
+    source, calibration = felt.source, felt.source.channels[0].calibration
+    assert calibration is not None
+    slow, bound = counts_nearest(felt.slow, calibration), bound_of(source, promise)
+    lines = code_lines(replace(source, counts=slow[:, None]), base, bound, None)
+    if lines is None:
+        return None
+    texture = counts_nearest(felt.wanted, calibration) - slow
+    unit = with_synthetic(source, texture, lines, bound)
+    return unit and replace(unit, kept_as=promise.kept_as)
 
 
 def ways_of(

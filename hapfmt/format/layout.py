@@ -205,6 +205,11 @@ LPCX_TERM = Layout(
     Field("w", "f64", "weight"),
 )
 
+NOIS_PARAMETERS = Layout(
+    Field("shift", "u8", "an interval has 2^shift ticks"),
+    Field("intervals", "u8", "intervals of a block"),
+)
+
 TABLES: dict[str, Layout] = {
     "chunk header": CHUNK_HEADER,
     "HEAD": HEAD,
@@ -217,5 +222,6 @@ TABLES: dict[str, Layout] = {
     "RAWB parameters": RAWB_PARAMETERS,
     "LPCX parameters": LPCX_PARAMETERS,
     "LPCX term": LPCX_TERM,
+    "NOIS parameters": NOIS_PARAMETERS,
 }
 """Name of each table in SPEC.md and its declaration, in the order of the SPEC."""

@@ -41,8 +41,8 @@ GAP = 1 << 16
 
 CHANGED = "the file changed while it was read"
 NO_PARTS = (
-    "the server gives whole files only, not parts of them (no range requests); fetch the file "
-    "first, or let it be copied: Reader(url, spool=True)"
+    "the server gives whole files only, not parts of them (no range requests); write simplecache:: "
+    "before the URL to fetch the whole file first"
 )
 
 

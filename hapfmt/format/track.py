@@ -41,7 +41,10 @@ from .wire import (
 KINDS = ("full", "lf", "hf", "events")
 NUMBER_FORMATS = ("counts", "int64", "uint64", "binary16", "binary32", "binary64")
 WORD_SIZES = {"int64": 8, "uint64": 8, "binary16": 2, "binary32": 4, "binary64": 8}
-CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "LPCX", "EVNT")
+CODECS = ("KNOT", "QUAN", "RAWB", "LPCR", "LPCX", "MDCT", "EVNT", "NOIS")
+SYNTHETIC = "NOIS"
+"""Its counts come from a model of the texture (SPEC 9.10)."""
+
 COMPONENTS = 255
 """Most components of a track, and of all tracks of a TRAK chunk (TRK-002)."""
 
@@ -113,6 +116,11 @@ class Track:
         if self.kind == "events":
             return range(0)
         return range(self.first_channel, self.first_channel + len(self.components))
+
+    @property
+    def synthetic(self) -> bool:
+        """Whether the counts come from a model of the texture."""
+        return self.codec == SYNTHETIC
 
     def weight(self, span: int, size: int) -> int:
         """Weight of a packet in a cluster, by its ticks and bytes (DAT-009)."""

@@ -3,7 +3,8 @@
 The twins run if the environment has ``HAPFMT_PURE=1``, or if a C source is newer than the build.
 This module declares the types of the C functions. Each .c file has the functions of one codec or
 search, and names its twin. Those of codecs/ are lpcr, knots, knots_coded, huffman (QUAN), exact
-(LPCX) and levels (grids). Those of encoder/ are select, tube, sweep, links, quick and vectors.
+(LPCX), transform (MDCT), noise (NOIS) and levels (grids). Those of encoder/ are select, tube,
+sweep, links, quick, trellis and vectors.
 Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the one before.
 lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
 """
@@ -214,6 +215,54 @@ class CorrectionLoop(Protocol):
     ) -> tuple[int, int]: ...
 
 
+class TransformDecode(Protocol):
+    """(coded bytes, waves float64 [size, size], window int64 [2, size / 2], steps int64 [coded
+    coefficients], classes, start, base, least and largest count, counts int32) -> (status, bytes
+    read); the last argument is filled."""
+
+    def __call__(
+        self,
+        coded: Buffer,
+        waves: Buffer,
+        window: Buffer,
+        steps: Buffer,
+        classes: int,
+        start: int,
+        base: int,
+        low: int,
+        high: int,
+        counts: Buffer,
+        /,
+    ) -> tuple[int, int]: ...
+
+
+class TransformEncode(Protocol):
+    """(levels int64 [blocks, coded coefficients], coded coefficients, classes, start, coded bytes)
+    -> how many these are; the last argument is filled if it has room for them."""
+
+    def __call__(
+        self, levels: Buffer, count: int, classes: int, start: int, coded: Buffer, /
+    ) -> int: ...
+
+
+class Trellis(Protocol):
+    """(targets int64 [blocks, coefficients], coefficients, classes, start, weight, magnitudes int64
+    [blocks, coefficients], counts int64 [2, 36, 16]) -> squared errors, and bits times the weight;
+    the last two are filled, the last one from zeros."""
+
+    def __call__(
+        self,
+        targets: Buffer,
+        count: int,
+        classes: int,
+        start: int,
+        weight: int,
+        magnitudes: Buffer,
+        counts: Buffer,
+        /,
+    ) -> int: ...
+
+
 class Estimate(Protocol):
     """(coefficients int32, difference, repeats, counted, stride, base, limit, indices int64, counts
     int64 [15]) -> 256 times the bits, or -1; the counts are filled. encoder/predict.py says more.
@@ -254,6 +303,33 @@ class QuickPredictor(Protocol):
         costs: Buffer,
         reflections: Buffer,
         coefficients: Buffer,
+        /,
+    ) -> tuple[int, int]: ...
+
+
+class NoiseDecode(Protocol):
+    """(coded bytes, order, density, seed, first gain, class and start of the gains, those of the
+    coefficients, states, shift, intervals, least and largest count, sines int32 [128], int32
+    [ticks]) -> (status, bytes read); the last argument is filled with counts."""
+
+    def __call__(
+        self,
+        coded: Buffer,
+        order: int,
+        density: int,
+        seed: int,
+        gain: int,
+        gain_class: int,
+        gain_start: int,
+        coefficient_class: int,
+        coefficient_start: int,
+        states: int,
+        shift: int,
+        intervals: int,
+        low: int,
+        high: int,
+        sines: Buffer,
+        counts: Buffer,
         /,
     ) -> tuple[int, int]: ...
 
@@ -304,9 +380,17 @@ class Kernels(Protocol):
     @property
     def coded_knots_encode(self) -> CodedKnotsEncode: ...
     @property
+    def mdct_decode(self) -> TransformDecode: ...
+    @property
+    def mdct_encode(self) -> TransformEncode: ...
+    @property
+    def mdct_trellis(self) -> Trellis: ...
+    @property
     def estimate(self) -> Estimate: ...
     @property
     def quick_predictor(self) -> QuickPredictor: ...
+    @property
+    def noise_decode(self) -> NoiseDecode: ...
 
     def clamp_counts(
         self, numbers: Buffer, step: int, zero: int, low: int, high: int, counts: Buffer, /

@@ -215,7 +215,7 @@ INLINE uint32_t absorb(uint32_t x, share s, uint16_t **words)
 }
 
 /* The coded bytes into ``out``: how many, or how many it takes. ``words``: as many as symbols, and eight. */
-static int64_t encoder_finish(encoder *e, const share *shares, int lanes, uint16_t *words)
+static inline int64_t encoder_finish(encoder *e, const share *shares, int lanes, uint16_t *words)
 {
     uint32_t x[LANES_MOST];
     uint16_t *end = words + e->noted + 2 * LANES_MOST, *at = end;

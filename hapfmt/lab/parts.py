@@ -41,6 +41,7 @@ class Described:
     component: int = 0
     step: int | None = None
     has_lf: bool = False
+    synthetic: bool = False
     deviation: float = 0.0
     """Largest distance of the source from the grid of counts, in the channel's unit."""
 
@@ -62,7 +63,8 @@ class Described:
 
     @property
     def is_lossy(self) -> bool:
-        return self.contract is not None or self.step is not None or self.deviation > 0
+        lossy = self.contract is not None or self.step is not None or self.deviation > 0
+        return lossy or self.synthetic
 
     @property
     def error_bound(self) -> float | None:
@@ -70,6 +72,8 @@ class Described:
         it depends on the signal."""
         if not self.is_lossy:
             return 0.0
+        if self.synthetic:
+            return None
         if self.step is not None and self.lsb:
             return self.step * self.lsb / 2 + self.deviation
         contract = self.contract
@@ -264,6 +268,7 @@ def describe(ref: ChannelRef, reader: Reader) -> Described:
         abs(a) / d if track.number_format == "counts" else None,
         zero, contract, ref.index, quantiser_step(part.residual or part.track, reader),
         any(each.track.kind == "lf" and each.residual for each in ref.parts),
+        ref.synthetic,
         max((track.components[ref.index].deviation or (0, 0))[1] for track in ref.tracks),
     )  # fmt: skip
 

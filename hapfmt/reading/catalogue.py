@@ -103,6 +103,11 @@ class TrackPair(NamedTuple):
     def tracks(self) -> list[Track]:
         return [self.track] + ([self.residual] if self.residual else [])
 
+    @property
+    def synthetic(self) -> bool:
+        """Whether the texture comes from a model (NOI-002)."""
+        return any(track.synthetic for track in self.tracks)
+
 
 @dataclass(frozen=True)
 class ChannelRef:
@@ -125,6 +130,10 @@ class ChannelRef:
     def tracks(self) -> list[Track]:
         """The tracks of all parts."""
         return [track for part in self.parts for track in part.tracks]
+
+    @property
+    def synthetic(self) -> bool:
+        return any(part.synthetic for part in self.parts)
 
     @property
     def label(self) -> str:

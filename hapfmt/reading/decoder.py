@@ -15,23 +15,33 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs import knots, predicted, quantised
+from ..codecs import knots, noise, predicted, quantised, transform
 from ..codecs.events import CodedEvent, decoded, parse_events
 from ..codecs.exact import ExactParameters, decode_counts, decode_exact, parse_parameters
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
+from ..codecs.noise import NoiseParameters
 from ..codecs.quantised import QuanParameters
 from ..codecs.raw import DTYPES, RawParameters, decode_raw
+from ..codecs.transform import TransformParameters
 from ..errors import FormatError, HapfmtError, ParameterError
 from ..format.cluster import Packet
 from ..format.layout import COVERED_SPAN
-from ..format.track import Component, Track, unsupported_track
+from ..format.track import SYNTHETIC, Component, Track, unsupported_track
 from ..limits import Level
 from ..recording import Calibration, Channel, Deviation, Event, Span, append_span, in_order
 from .catalogue import ChannelRef, TrackPair
 
 Exact = tuple[ExactParameters, ...]
-Parameters = KnotParameters | QuanParameters | RawParameters | LpcParameters | Exact
+Parameters = (
+    KnotParameters
+    | QuanParameters
+    | RawParameters
+    | LpcParameters
+    | TransformParameters
+    | NoiseParameters
+    | Exact
+)
 
 
 CODEBOOKS = 128
@@ -70,6 +80,8 @@ class TrackDecoder:
                 return self.parse_codebook()
             if track.codec == "LPCR":
                 return LpcParameters.parse(track.parameters, self.level, track.offset)
+            if track.codec == "MDCT":
+                return TransformParameters.parse(track.parameters, track.offset)
             if track.codec == "LPCX":
                 lossy = track.contract or any(c.deviation for c in track.components)
                 if track.kind != "full" or lossy:
@@ -79,6 +91,14 @@ class TrackDecoder:
                         offset=track.offset,
                     )
                 return parse_parameters(track.parameters, len(track.components), track.offset)
+            if track.codec == "NOIS":
+                if track.kind == "lf" or track.contract:
+                    raise FormatError(
+                        "a synthetic texture in an LF track, or with a contract",
+                        requirement="NOI-001",
+                        offset=track.offset,
+                    )
+                return NoiseParameters.parse(track.parameters, track.offset)
             return RawParameters.parse(track.parameters, track.number_format, track.offset)
         except HapfmtError as error:
             raise error.at(path=self.path) from None
@@ -139,6 +159,16 @@ class TrackDecoder:
             if isinstance(parameters, LpcParameters):
                 return predicted.decode_within(
                     packet.data, parameters, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
+            if isinstance(parameters, TransformParameters):
+                return transform.decode_within(
+                    packet.data, parameters, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
+            if isinstance(parameters, NoiseParameters):
+                return noise.decode_within(
+                    packet.data, parameters, packet.span, size, packet.offset,
                     track.count_min, track.count_max,
                 )  # fmt: skip
             if parameters is None:
@@ -324,7 +354,12 @@ def intersect(a: Sequence[Span], b: Sequence[Span]) -> list[tuple[tuple[int, int
 
 
 def build_channel(
-    decoded: Decoded, index: int, component: Component, *, hf_only: bool = False
+    decoded: Decoded,
+    index: int,
+    component: Component,
+    *,
+    hf_only: bool = False,
+    synthetic: bool = False,
 ) -> Channel:
     """The channel of component ``index``; ``component`` is its description in the base track."""
     counts, exact = decoded.track.number_format == "counts", decoded.doubles.joined()
@@ -344,6 +379,7 @@ def build_channel(
         device=component.device,
         deviation=deviation,
         exact=None if exact is None else np.ascontiguousarray(exact[:, index]),
+        synthetic=synthetic,
     )
 
 
@@ -394,7 +430,11 @@ class Assembly:
         for part in ref.parts:
             own = replace(described, deviation=part.track.components[ref.index].deviation)
             track = self.of_part(part)
-            found.append(build_channel(track, ref.index, own, hf_only=self.band == "hf"))
+            fast = None if self.band == "lf" else part.residual
+            synthetic = SYNTHETIC in (part.track.codec, fast and fast.codec)
+            found.append(
+                build_channel(track, ref.index, own, hf_only=self.band == "hf", synthetic=synthetic)
+            )
         return found
 
     def of_part(self, part: TrackPair) -> Decoded:
@@ -450,4 +490,5 @@ def join(parts: Sequence[Channel]) -> Channel:
         if deviations
         else None,
         exact=exact,
+        synthetic=any(part.synthetic for part in parts),
     )

@@ -163,6 +163,7 @@ def track_json(track: Track) -> dict[str, Any]:
         "id": track.id,
         "kind": track.kind,
         "codec": track.codec,
+        "synthetic": track.synthetic,
         "number_format": track.number_format,
         "rate_num": track.rate.numerator,
         "rate_den": track.rate.denominator,

@@ -149,6 +149,9 @@ class Reader(Closing):
     A text with :// or :: is a URL for fsspec (extra "remote").
     """
 
+    _advice = "hapfmt.Reader reads what is intact; hapfmt.recover(file, into) writes an intact copy"
+    """What helps where damage is an error."""
+
     def __init__(
         self,
         file: str | os.PathLike[str] | bytes | BinaryIO,
@@ -259,8 +262,7 @@ class Reader(Closing):
         if self.strict and self.catalogue.findings:
             first = self.catalogue.findings[0]
             raise first.error(
-                f"{first.code}: {first.message}. hapfmt.Reader reads what is intact; "
-                "hapfmt.recover(file, into) writes an intact copy",
+                f"{first.code}: {first.message}. {self._advice}",
                 requirement=first.requirement,
                 offset=first.offset,
                 path=self.source.path,

@@ -74,10 +74,14 @@ class ContractCheck:
     index: int
     extent: float = 0.0
     """Largest less smallest value of the original."""
+    synthetic: bool = False
+    """Whether the texture comes from a model, which promises nothing of a sample."""
 
     @property
     def promised(self) -> bool:
         """Whether the error bound is guaranteed. Without a bound, nothing may differ (DBC-004)."""
+        if self.synthetic:
+            return False
         return self.contract is None or self.contract.guaranteed
 
     @property
@@ -100,6 +104,7 @@ class ContractCheck:
                 "vector": contract.vector,
                 "guaranteed": contract.guaranteed,
             },
+            "synthetic": self.synthetic,
             "broken": self.broken,
             "sample_count": self.samples,
             "missing_count": self.missing,
@@ -195,7 +200,7 @@ def check_track(members: Sequence[ExpectedPart]) -> list[ContractCheck]:
             ref.number, part.track.id, ref.label, contract, int(pair.x.size), pair.missing,
             pair.invented, outside + pair.far, ratio, pair.largest_error, pair.moved,
             y.deviation.largest if y.deviation else 0.0, owner.track.components[ref.index],
-            ref.index, pair.extent,
+            ref.index, pair.extent, part.synthetic,
         )
         for (ref, owner, _, y), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
     ]  # fmt: skip
@@ -346,6 +351,9 @@ class Report:
         if broken:
             what = "the error bound does not hold"
             return f"{len(broken)} of {counted(len(checks), 'channel')}: {what}"
+        if any(check.synthetic for check in aims):
+            named = counted(sum(check.synthetic for check in aims), "channel")
+            return f"{named} of {len(checks)}: the texture is synthetic, so it has no error bound"
         if aims:
             what = "a sample is outside the bound, which is only an aim"
             return f"{len(aims)} of {counted(len(checks), 'channel')}: {what}"

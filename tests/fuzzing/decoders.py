@@ -18,9 +18,10 @@ import numpy as np
 import singles
 from numpy.typing import NDArray
 
-from hapfmt.codecs import exact, knots, predicted, quantised, raw
+from hapfmt.codecs import exact, knots, noise, predicted, quantised, raw, transform
 from hapfmt.codecs.exact import ExactParameters
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
+from hapfmt.encoder.transform import encode_row
 from hapfmt.format.track import Affine
 from hapfmt.kernels import compiled
 from hapfmt.limits import LEVELS, Level
@@ -179,6 +180,14 @@ def lpcr(data: bytes) -> None:
         assert (predicted.decode_indices(again, ask.span, limit, AT) == indices).all()
 
 
+def mdct(data: bytes) -> None:
+    ask = asked(data)
+    parameters = ask and settled(transform.TransformParameters.parse, ask.parameters, AT)
+    if ask and parameters:
+        assert parameters.build() == ask.parameters
+        decode(transform, ask, parameters)
+
+
 AFFINES = (
     Affine(1, 0, 10),
     Affine(1, 0, 1 << 40),
@@ -209,6 +218,21 @@ def lpcx(data: bytes) -> None:
         again = f.varint(len(coded)) + coded + rest
         back = singles.decode_exact(again, parameters, affine, counts, AT)
         assert back.tobytes() == doubles.tobytes()
+
+
+def nois(data: bytes) -> None:
+    ask = asked(data)
+    parameters = ask and settled(noise.NoiseParameters.parse, ask.parameters, AT)
+    if not ask or not parameters:
+        return
+    counts = both(
+        lambda: noise.decode_within(
+            ask.packet, parameters, ask.span, ask.width, AT, ask.low, ask.high
+        )
+    )
+    if counts is not None:
+        assert counts.shape == (ask.span, ask.width)
+        assert ask.low <= counts.min() <= counts.max() <= ask.high
 
 
 def wave(span: int, width: int = 1, scale: float = 60.0) -> NDArray[np.int64]:
@@ -287,6 +311,20 @@ def of_lpcr() -> Iterable[bytes]:
     yield given(plain, predicted.join_components(packets), 40, 3)
 
 
+def of_mdct() -> Iterable[bytes]:
+    x = wave(70)[:, 0]
+    for m, step, weights in ((5, 256, b""), (6, 9000, b"\x10\x40"), (9, 1 << 32, b"")):
+        parameters = transform.TransformParameters(1 << m, step, weights)
+        yield given(parameters.build(), encode_row(x.astype(np.float64), parameters), 70)
+    plain = transform.TransformParameters(32, 1)
+    for classes, start in ((0, 0), (0xE5, 163)):
+        levels = np.array([[1 << 30, -1, 0, 5], [0, 0, 0, 0], [-9, 1, 1 << 20, -2]])
+        packet = transform.encode_component(-9, levels, classes, start)
+        yield given(plain.build(), packet, 90, level=2)
+    parts = [transform.encode_component(5, levels[:2, :width], 0, 12) for width in (0, 3)]
+    yield given(plain.build(), bytes([len(parts[0])]) + b"".join(parts), 40, 2, narrow=1)
+
+
 def made(reference: tuple[int, tuple[int, int, int]]) -> Any:
     from hapfmt.codecs.predicted import Reference
 
@@ -327,10 +365,27 @@ def of_lpcx() -> Iterable[bytes]:
     yield given(f.lpcx_parameters(), f.varint(len(coded)) + coded + rest, 30, 2, level=2)
 
 
+def of_nois() -> Iterable[bytes]:
+    parameters = noise.NoiseParameters(3, 8)
+    gains = [40, 60, 0, 0, 112, 30, 1, 50] + [0] * 8 + [70] * 8
+    for order in (0, 1, 4, 32):
+        ks = [100, -80, 30, -5, *[7] * 28][:order]
+        blocks = [ks, ks, ks[::-1]]
+        part = noise.encode_component(
+            gains, blocks, parameters, seed=order, density=50 * (order > 1)
+        )
+        yield given(parameters.build(), part, 190)
+        yield given(parameters.build(), noise.encode_packet([part, b""]), 190, 2, narrow=1)
+    yield given(f.nois_parameters(12, 255), noise.encode_component(
+        [112], [[127, -127] * 8], noise.NoiseParameters(12, 255), seed=9), 1000, level=2)  # fmt: skip
+
+
 DECODERS = [
     Target("knot", knot, of_knot),
     Target("quan", quan, of_quan),
     Target("rawb", rawb, of_rawb),
     Target("lpcr", lpcr, of_lpcr),
+    Target("mdct", mdct, of_mdct),
     Target("lpcx", lpcx, of_lpcx),
+    Target("nois", nois, of_nois),
 ]

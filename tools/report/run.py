@@ -31,7 +31,7 @@ from report.section import CannotRunError, Options
 from report.texts import as_json, markdown_file, write_tables
 
 TITLE = "hapfmt: error, size and run time"
-SECTIONS = ("codecs", "decoding", "integrators", "stability", "paper", "scenes")
+SECTIONS = ("codecs", "model", "decoding", "integrators", "stability", "paper", "scenes")
 """In the order of the page."""
 
 

@@ -5,6 +5,8 @@ import { decodeEvents } from './evnt.js';
 import { decodeKnot, parseKnot } from './knot.js';
 import { decodeLpcr, parseLpcr } from './lpcr.js';
 import { decodeLpcx, parseLpcx } from './lpcx.js';
+import { decodeMdct, parseMdct } from './mdct.js';
+import { decodeNois, parseNois } from './nois.js';
 import { decodeQuan, parseQuan } from './quan.js';
 import { decodeRawbCounts, decodeRawbWords, parseRawb } from './rawb.js';
 
@@ -16,6 +18,8 @@ const COUNT_CODECS = {
   RAWB: { parse: parseRawb, decode: decodeRawbCounts },
   LPCR: { parse: parseLpcr, decode: decodeLpcr },
   LPCX: { parse: parseLpcx, decode: decodeLpcx },
+  MDCT: { parse: parseMdct, decode: decodeMdct },
+  NOIS: { parse: parseNois, decode: decodeNois },
 };
 export const CODECS = [...Object.keys(COUNT_CODECS), 'EVNT'];
 

@@ -36,7 +36,7 @@ export class EntropyEncoder {
     let f = averageFrom(start);
     let s = f;
     for (let from = 0; from < e.length; from += 8) {
-      const { c, h } = contextOf(f, s);
+      const { c, h } = contextOf(Math.floor((f + s) / 2));
       let sum = 0;
       for (let i = from; i < Math.min(from + 8, e.length); i++) {
         const u = Math.abs(e[i]);

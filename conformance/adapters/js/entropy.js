@@ -57,9 +57,8 @@ export function lengthEnds(weights) {
   });
 }
 
-// Context c and shift h of a block.
-export function contextOf(f, s) {
-  const S = Math.floor((f + s) / 2);
+// Context c and shift h, from S.
+export function contextOf(S) {
   const lg = S === 0 ? 0 : bitLength(S) - 1;
   const fr = Math.floor((S * 4) / POWERS[lg]) % 4;
   const c = 4 * (lg < 10 ? lg : 10) + fr - 8;
@@ -195,15 +194,11 @@ export class EntropyDecoder {
     let s = f;
     for (let from = 0; from < count; from += 8) {
       const size = count - from < 8 ? count - from : 8;
-      const { c, h } = contextOf(f, s);
+      const { c, h } = contextOf(Math.floor((f + s) / 2));
       for (let i = 0; i < size; i++) ks[i] = this.symbol(ends, 16 * c);
       let sum = 0;
       for (let i = 0; i < size; i++) {
-        const k = ks[i];
-        let u = k;
-        if (k === 15) u = this.large(h);
-        else if (k > 9 || h > 0) u = EDGES[k] * POWERS[h] + this.raw(BUCKET_BITS[k] + h);
-        if (u >= MAGNITUDE_BOUND) this.tooLarge();
+        const u = this.magnitude(ks[i], h);
         sum += u;
         out[from + i] = signed && u > 0 && this.raw(1) === 1 ? -u : u;
       }
@@ -212,6 +207,23 @@ export class EntropyDecoder {
       f += Math.floor((m - f) / 2);
       s += Math.floor((3 * (m - s)) / 16);
     }
+  }
+
+  // One integer of a class, with a raw sign, in its own context.
+  integer(ends, c, h) {
+    const u = this.magnitude(this.symbol(ends, 16 * c), h);
+    const integer = u > 0 && this.raw(1) === 1 ? -u : u;
+    this.check();
+    return integer;
+  }
+
+  // u of symbol k.
+  magnitude(k, h) {
+    let u = k;
+    if (k === 15) u = this.large(h);
+    else if (k > 9 || h > 0) u = EDGES[k] * POWERS[h] + this.raw(BUCKET_BITS[k] + h);
+    if (u >= MAGNITUDE_BOUND) this.tooLarge();
+    return u;
   }
 
   // An integer of bucket 15.

@@ -10,6 +10,8 @@ import { DeadbandGrid, UniformGrid } from './grid.js';
 import { clamp, floorDiv, floorDivBig, rdiv, rdivBig } from './integers.js';
 import { decodeIndices } from './lpcr.js';
 import { movePlace } from './lpcx.js';
+import { COSINES, Coefficients, cosine, decodeTransformed, readHeader, transformOf } from './mdct.js';
+import { Lattice, gainOf, noiseAt } from './nois.js';
 import { SINES, predictorOf } from './predictor.js';
 import { makeCode, readCodebook } from './quan.js';
 import { CONTEXTS, EntropyDecoder, classEnds, lengthEnds } from './entropy.js';
@@ -64,6 +66,34 @@ function knots(c, parameters) {
   const counts = columns(numbers, c.components);
   const seen = c.knots?.filter(([tick]) => tick < c.span).map(([tick]) => [tick, counts.map((row) => row[tick])]);
   return { ...(c.counts && { counts }), ...(c.knots && { knots: seen.concat(c.knots.slice(seen.length)) }) };
+}
+
+const mdctParameters = ({ m, step, weights }) => [m, ...putVar([], step), weights.length, ...weights];
+
+// v and x of blocks, by the transform as the decoder uses it.
+function transformed(M, blocks) {
+  const transform = transformOf(M);
+  const rows = blocks.map((X) => transform.unfold(X, new Float64Array(M)));
+  const v = rows.map((row) => [...row]);
+  rows.forEach((row, n) => transform.mix(rows[n - 1] ?? null, row));
+  transform.mix(rows[rows.length - 1], null);
+  return { v, x: rows.flatMap((row) => [...row]) };
+}
+
+// What a decoder finds before the transform, block by block.
+function integersOf(c, { size: M, steps }) {
+  const bytes = bytesOf(c.packet);
+  const reader = new Reader(bytes);
+  const header = readHeader(reader, M, COUNT_BOUND);
+  const coefficients = new Coefficients(header, steps, reader.bytes(reader.left), 0);
+  coefficients.seen = [];
+  const blocks = Array.from({ length: Math.ceil(c.span / M) }, () => {
+    const X = new Float64Array(header.kept);
+    coefficients.next(X);
+    return [...X];
+  });
+  coefficients.finish();
+  return { contexts: coefficients.seen, blocks };
 }
 
 const words = (ArrayType) => (rows) => ArrayType.from(rows, BigInt);
@@ -198,12 +228,53 @@ export const components = {
     });
     return { indices };
   },
+  cosine(c) {
+    if (c.pairs) return { pairs: c.pairs.map(([i]) => [i, cosine(i)]) };
+    return { sha256: hex(sha256(new Uint8Array(Uint16Array.from(COSINES).buffer))), entries: [...COSINES] };
+  },
+  'mdct-steps'(c) {
+    return { steps: [...trackOf('MDCT', mdctParameters(c)).setup.steps] };
+  },
+  transform(c) {
+    const { v, x } = transformed(2 ** c.m, c.coefficients);
+    return { v, x };
+  },
+  mdct(c) {
+    const { setup } = trackOf('MDCT', mdctParameters(c), c);
+    const counts = Array.from({ length: c.components }, () => []);
+    decodeTransformed(setup, c.components, bytesOf(c.packet), c.span, COUNT_BOUND, 0, (component, at, row, base) => {
+      for (let t = 0; t < row.length && at + t < c.span; t++) counts[component][at + t] = base + row[t];
+    });
+    return { counts, ...(c.contexts && integersOf(c, setup)) };
+  },
   digest(c) {
     const digest = new TrackDigest();
     for (const { start, rows } of c.packets) {
       digest.add(start, rows.length, { numbers: DIGESTED[c.number_format](rows.flat()), exact: null });
     }
     return { spans: digest.spans, of_numbers: hex(digest.numbers.digest()), digest: hex(digest.value()) };
+  },
+  noise(c) {
+    return { n: c.n.map((_, i) => noiseAt(c.seed, c.first + i, c.density)) };
+  },
+  'noise-gains'(c) {
+    const values = c.values.map((_, q) => gainOf(q));
+    return { values, sha256: hex(sha256(new Uint8Array(BigInt64Array.from(values, BigInt).buffer))) };
+  },
+  lattice(c) {
+    const filter = new Lattice(c.k.length);
+    filter.set(c.k);
+    const states = [];
+    const counts = c.e.map((e) => {
+      const count = rdiv(filter.next(e), 64);
+      states.push([...filter.g]);
+      return count;
+    });
+    return { counts, g: [...states.slice(0, 4), ...states.slice(-1)] };
+  },
+  nois(c) {
+    const track = trackOf('NOIS', [c.shift, c.intervals], c);
+    return { counts: columns(decodePacket(track, bytesOf(c.packet), 0, c.span).numbers, c.components) };
   },
   'exact-values'(c) {
     const [A, B, D] = c.calibration.map(Number);

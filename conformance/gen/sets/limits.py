@@ -13,6 +13,7 @@ from typing import Any
 import deflate
 import forge as f
 import page
+import page_transform
 from broken import (
     DATA_AT,
     EITHER,
@@ -85,6 +86,11 @@ THREE = f.quan_parameters(b"\x22\x22", c=3, step=2**24)
 EIGHT = f.quan_parameters(b"\x22\x22", c=3, step=2**31)
 """Levels 0, then of 1, of 2 and 3, of 4 to 7: two bits each."""
 
+COARSEST = page_transform.steps(5, 2**32)
+LOUDEST = page_transform.encode([[0] * 31 + [8]], COARSEST)
+LOUD = [page.clamp(x, -(2**23), 2**23 - 1)
+        for x in page_transform.decode(LOUDEST, 2, 5, COARSEST)]  # fmt: skip
+
 FAR = (("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, 2**53 - 1))
 
 
@@ -116,6 +122,8 @@ ALLOWED = [
     ("index-of-2-to-24", "At level 1 the index 1 times the step is 2^24.",
      packed(b"LPCR", f.lpcr_parameters(step=2**24, zero=LOW), b"\x10\0\2", 4, **SPAN_24),
      [track([-(2**23)] * 4)]),
+    ("coefficients-of-2-to-36", "The coefficients of a block add up to 2^36.",
+     packed(b"MDCT", f.mdct_parameters(5, 2**32), LOUDEST, 2, **SPAN_24), [track(LOUD)]),
     ("index-of-2-to-32", "At level 2 the index -2^32 is on the grid of step 1.",
      packed(b"LPCR", f.lpcr_parameters(zero=HIGH), b"\x10\0" + f.svarint(-(2**32)), 4, **WIDE),
      [track([LOW] * 4)]),
@@ -131,6 +139,8 @@ ALLOWED = [
      late(2**48 - 4, 4, 2**32 - 1), [track([5] * 4, 0, 2**48 - 4)]),
     ("samples-of-2-to-22", "At level 1 a cluster has 2^22 samples.",
      described(span=2**22), [constant(5, 2**22)]),
+    ("noise-silent-for-2-to-22-ticks", "A packet of NOIS without a byte has 2^22 ticks.",
+     packed(b"NOIS", f.nois_parameters(), b"", 2**22), [constant(0, 2**22)]),
     ("metadata-64-deep", "Metadata are nested 64 deep.",
      f.minimal(("mETa", b'{"a":' + b"[" * 63 + b"]" * 63 + b"}")), [track([5] * 4)]),
     ("metadata-of-1000-digits", "An integer of the metadata has 1000 digits.",
@@ -192,6 +202,14 @@ PROMISES = [
      "A packet of four coded bytes gives 2^22 ticks that repeat.",
      packed(b"LPCR", f.lpcr_parameters(),
             b"\x08\0\0\0\x0c" + b"\xff" * 8, 2**22)),
+    ("coefficients-of-2-to-22-ticks", ("RNG-001", "RNG-003", "MDC-003"),
+     "A packet of eight coded bytes promises 512 coefficients in each of 2^13 blocks.",
+     packed(b"MDCT", f.mdct_parameters(9), b"\0\x80\4\x44\x0c" + b"\xff" * 8, 2**22)),
+    ("noise-of-2-to-22-ticks", ("RNG-001", "NOI-006", "RNG-003"),
+     "A packet of four coded bytes gives 2^22 ticks of noise.",
+     packed(b"NOIS", f.nois_parameters(), b"\x20\0\1\0\0\0\x28\0\0\0\0" + b"\xff" * 4, 2**22)),
+    ("noise-components-of-2-to-64-bytes", "NOI-004", "254 components promise 2^60 bytes and some.",
+     packed(b"NOIS", f.nois_parameters(), f.varint(LARGE) * 254, 1, component_count=255)),
     ("exact-of-2-to-53-bytes", "EXA-003", "The counts of LPCX promise 2^53 - 1 bytes.",
      packed(b"LPCX", f.lpcx_parameters(), f.varint(LARGE) + b"\x10\0\x0A")),
     ("levels-of-2-to-22-zeros", "COD-001", "A packet of one byte promises 2^22 levels.",
@@ -275,6 +293,26 @@ def nested(count: int) -> bytes:
     return f.file(HEAD) + b"".join(body)
 
 
+def zero_coefficients(count: int) -> bytes:
+    """The component packet of so many zeros: all have the context 0, in the state 0."""
+    x, words = 2**16, []
+    width = page.class_ends(10, 0)[0]
+    for _ in range(count):
+        if x // width * 4096 >= 2**32:
+            words.append(x % 2**16)
+            x //= 2**16
+        x = x // width * 4096 + x % width
+    coded = b"".join(word.to_bytes(2, "big") for word in reversed(words))
+    return b"\x0a\x80\4\x0a\0" + x.to_bytes(4, "big") + coded
+
+
+def all_zero() -> bytes:
+    steps = page_transform.steps(9, 256)
+    few = page_transform.encode([[0] * 512] * 8, steps, 5, classes=(10, 0), start=0)
+    assert zero_coefficients(8 * 512) == few
+    return packed(b"MDCT", f.mdct_parameters(9), zero_coefficients(2**22), 2**22)
+
+
 def line() -> tuple[bytes, list[int]]:
     """A line of 2^20 ticks over 2^33 counts, whose products need 54 bits."""
     last, low, rise = 2**20, -(2**32) + 1, 2**33 - 3
@@ -330,6 +368,8 @@ DEMANDED = [
      lambda: many(255, 65535), None, OR_LESS),
     ("texts-of-65534-tracks", "LIM-002", "65534 tracks have six texts of 254 bytes each.",
      lambda: many(1, 65534, TEXTS, squeeze=True), None, OR_LESS),
+    ("zeros-of-2-to-22-coefficients", "MDC-002", "Few bytes are 2^22 coefficients, all 0.",
+     all_zero, [constant(5, 2**22)], OR_LESS),
     ("inflates-to-2-to-22", "RAW-003", "6 kB of DEFLATE are 2^22 samples.",
      lambda: packed(b"RAWB", f.raw_parameters(1), b"\1" + zeros(16256), 258 * 16256 + 1),
      [constant(0, 258 * 16256 + 1)], OR_LESS),
@@ -348,7 +388,8 @@ DEMANDED = [
 
 LEVEL_2 = {"payload-of-2-to-24", "payload-above-level-2", "packets-of-2-to-17",
            "packets-above-level-2", "span-of-2-to-24", "line-of-2-to-20-ticks"}  # fmt: skip
-CODECS = {"events": ["EVNT", "KNOT"], "event-": ["EVNT", "KNOT"], "inflat": ["RAWB"]}
+CODECS = {"events": ["EVNT", "KNOT"], "event-": ["EVNT", "KNOT"], "inflat": ["RAWB"],
+          "zeros-": ["MDCT"]}  # fmt: skip
 
 
 def told(name: str) -> dict[str, Any]:

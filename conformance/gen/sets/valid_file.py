@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Sequence
 from functools import partial
+from math import cos, pi
 from typing import Any
 
 import examples
@@ -93,6 +94,13 @@ def worked_examples() -> Iterator[Case]:
             exact=[(double_bits(a), double_bits(b)) for a, b in zip(x, y, strict=True)],
         )],
     )  # fmt: skip
+    mixed = Track(
+        codec="MDCT", low=0, high=200,
+        packets=[Packet(0, mixed_blocks(), b""), Packet(48, [100] * 4, b"")],
+    )  # fmt: skip
+    noise = [2, 4, 4, 5, 8, 12, 13, 10, 5, -2, -5, -11, -21, -30, -38, -40, -36, -33, -30, -28]
+    calm = Track(kind="lf", packets=[Packet(0, [7] * 20, b"")])
+    model = Track(id=1, codec="NOIS", kind="hf", base=0, packets=[Packet(0, noise, b"")])
     axes = [
         {"label": f"f{axis}", "unit": "N", "quantity": "force", "axis": axis, "group": "tip",
          "body_site": "index finger", "device": "stylus"}
@@ -120,6 +128,8 @@ def worked_examples() -> Iterator[Case]:
         "predicted": ("Differences, a reference, a grid.", ["LPC-002"], [pair, rough], {}),
         "exact": ("Doubles with their counts.", ["EXA-007"], [tenths], {}),
         "linear": ("A channel filtered from another.", ["EXA-002"], [filtered], {}),
+        "transformed": ("Two blocks, and where they meet.", ["MDC-001", "MDC-002"], [mixed], {}),
+        "synthetic": ("A texture from a model.", ["NOI-001"], [calm, model], {}),
         "described": ("Every TLV of TRAK.", ["TLV-004", "TRK-020"], [forces, sevens], {}),
         "digests": (
             "Two indexes, a digest, a map and an attachment.", ["DGS-001", "IDX-002"], [gap],
@@ -133,6 +143,19 @@ def worked_examples() -> Iterator[Case]:
     for name, (about_, ids, tracks, more) in facts.items():
         data = examples.MAKERS[name]().data
         yield valid(f"example-{name}", about_, ids, *tracks, data=data, **more)
+
+
+def mixed_blocks() -> list[int]:
+    """24 and 20 times cosines, with a window where they meet: with real numbers, rounded once."""
+    part = pi / 128
+    one = [24 * cos((2 * j + 1) * part) for j in range(32)]
+    two = [20 * cos(3 * (2 * j + 1) * part) for j in range(32)]
+    x = [*one, *two]
+    for i in range(16):
+        w, z = cos((31 - 2 * i) * part), cos((33 + 2 * i) * part)
+        x[32 + i] = w * two[i] - z * one[31 - i]
+        x[31 - i] = w * one[31 - i] + z * two[i]
+    return [100 + round(each) for each in x[:48]]
 
 
 def attached(name: str, media_type: str, content: bytes) -> dict[str, Any]:

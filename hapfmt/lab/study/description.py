@@ -63,11 +63,13 @@ Preset = Literal[
     "archive", "deadband", "auto", "default",
 ]  # fmt: skip
 Interpolation = Literal["linear", "hold"]
+Quality = Literal["low", "medium", "high"]
 Bits = Literal[0, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16]
 Amount = float | Annotated[str, Meta(max_length=40, examples=["2lsb", "0.2%"])]
 """A number, or text with a unit."""
 CODING = (
     "preset", "k", "floor", "step", "max_error", "bits", "cutoff_hz", "interpolation",
+    "quality", "snr", "st_sim", "bitrate", "synthetic_texture",
 )  # fmt: skip
 Word = Annotated[str, Meta(min_length=1, max_length=80)]
 Scale = tuple[Word, Word, Word, Word, Word]
@@ -122,6 +124,15 @@ class Condition(Description, frozen=True):
     max_error: Annotated[Amount | None, what("largest error of a near-lossless channel")] = None
     cutoff_hz: Annotated[float, above(0, 1e6, "split between slow and fast")] | None = None
     interpolation: Annotated[Interpolation, what("how knots are joined")] | None = None
+    quality: Annotated[Quality, what("quality of the texture")] | None = None
+    snr: Annotated[float, above(0, 1000, "signal-to-noise ratio of the texture in dB")] | None = (
+        None
+    )
+    st_sim: Annotated[float, above(0, 1, "similarity ST-SIM of the texture")] | None = None
+    bitrate: Annotated[float, above(0, 1e6, "kbit/s of the file")] | None = None
+    synthetic_texture: (
+        Annotated[Literal[True], what("a model of the texture, not its samples")] | None
+    ) = None
     low_pass_hz: Annotated[float, above(0, 1e6, "what is faster is taken away")] | None = None
     files: Annotated[
         dict[str, Annotated[str, Meta(min_length=1)]],

@@ -114,6 +114,11 @@ class Renderer:
         """Channels of one rate share a kernel and its tables."""
         self.kernels = self.names_of_kernels()
         self.note_late_start()
+        self.notes += [
+            f"channel {refs[number].label or number} has a synthetic texture"
+            for number in sorted({route.channel for route in self.routes})
+            if refs[number].synthetic
+        ]
 
     @property
     def refs(self) -> dict[int, ChannelRef]:

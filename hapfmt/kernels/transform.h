@@ -1,0 +1,181 @@
+/* The loops of SPEC 9.8. The readable twin is hapfmt/codecs/transform.py.
+
+   The input is hostile: a magnitude is checked against 2^34, and the sum of a block against 2^36, before
+   they are used. So sums of the transform stay below 2^52, where doubles are exact in any order. */
+#ifndef HAPFMT_TRANSFORM_H
+#define HAPFMT_TRANSFORM_H
+
+#include "coded.h"
+
+enum { SIZE_MOST = 512, STATES = 8, BAD_SUM = 8, COSINE_BITS = 15, AT_ONCE = 4 };
+static const double SUM_LIMIT = 68719476736.0;
+
+static const uint8_t next_state[STATES][2] = {{0, 2}, {5, 7}, {1, 3}, {4, 6}, {2, 0}, {7, 5}, {3, 1}, {6, 4}};
+
+/* What the blocks before say of each coefficient. ``before`` and ``mean`` are 256 times magnitudes, the
+   first and the last one of ``before`` twice. */
+typedef struct {
+    int count, size;
+    int64_t before[SIZE_MOST + 2], mean[SIZE_MOST], around[SIZE_MOST];
+} neighbours;
+
+static void neighbours_from(neighbours *n, int size, int count, int start)
+{
+    int64_t mean = averages_from(start).f;
+    n->size = size;
+    n->count = count;
+    for (int k = 0; k < count + 2; k++) n->before[k] = mean;
+    for (int k = 0; k < count; k++) n->mean[k] = mean;
+}
+
+static void look_around(neighbours *n)
+{
+    const int64_t *p = n->before + 1;
+    for (int k = 0; k < n->count; k++)
+        n->around[k] = 4 * p[k] + 3 * (p[k - 1] + p[k + 1]) + 10 * n->mean[k];
+}
+
+/* ``before`` has the magnitudes of a block, times 256. */
+static void learn_block(neighbours *n)
+{
+    int64_t *p = n->before + 1;
+    for (int k = 0; k < n->count; k++) n->mean[k] += (p[k] - n->mean[k]) >> 2;
+    p[-1] = p[0];
+    p[n->count] = p[n->count - 1];
+}
+
+INLINE int context_by(int64_t mean, int *shift)
+{
+    int lg = bit_length((uint64_t)mean | 1) - 1, fr = (int)((mean << 2 >> lg) & 3);
+    int low = lg < SCALED ? lg : SCALED, c = 4 * low + fr - 8;
+    *shift = lg - low;
+    return c < 0 ? 0 : c;
+}
+
+typedef struct {
+    int size, count, classes, start;
+    const double *waves;    /* [size][size] */
+    const int64_t *window;  /* [2][size / 2] */
+    const int64_t *steps;   /* [count] */
+    int64_t base, low, high, span;
+} transform;
+
+/* Coefficients that are not 0, and their places. */
+typedef struct {
+    int some;
+    double x[SIZE_MOST];
+    int places[SIZE_MOST];
+} block;
+
+static int get_coefficients(decoder *d, const transform *t, neighbours *n, int *state, block *b)
+{
+    const class_table *tables[2] = {hapfmt_classes + (t->classes & 15), hapfmt_classes + (t->classes >> 4)};
+    int64_t a1 = n->mean[0], a2 = a1, *before = n->before + 1;
+    double total = 0;
+    int s = *state;
+    b->some = 0;
+    look_around(n);
+    for (int k = 0; k < t->count; k++) {
+        int h, c = context_by((8 * a1 + 4 * a2 + n->around[k]) >> 5, &h), quantiser = s & 1;
+        const class_table *table = tables[quantiser];
+        int symbol = find(table->ends[c], d->x[0]);
+        uint64_t u;
+        d->x[0] = advance(d->x[0], table->shares[c][symbol], &d->next);
+        if (RARE(symbol == ESCAPE)) {
+            uint64_t word = raw_word(d->end, d->raw);
+            int length = (int)(word & 63);
+            u = ((uint64_t)1 << length | (word >> 6 & (((uint64_t)1 << length) - 1))) + edges[ESCAPE] - 1;
+            d->raw += 6 + length;
+            if (u >> (ERROR_BITS - h)) return BAD_ERROR;
+            u = u << h | get_raw(d, h);
+        } else
+            u = ((uint64_t)edges[symbol] << h) + get_raw(d, extra[symbol] + h);
+        if (RARE(u >> ERROR_BITS)) return BAD_ERROR;
+        if (u) {
+            int negative = (int)get_raw(d, 1);
+            double x = (double)((int64_t)(2 * u) - quantiser) * (double)t->steps[k];
+            if (RARE(overrun(d))) return BAD_END;
+            total += x;
+            if (RARE(total > SUM_LIMIT)) return BAD_SUM;
+            b->x[b->some] = negative ? -x : x;
+            b->places[b->some++] = k;
+        } else if (RARE(overrun(d)))
+            return BAD_END;
+        s = next_state[s][u & 1];
+        a2 = a1;
+        a1 = (int64_t)(256 * u);
+        before[k] = a1; /* the one behind it was looked at */
+    }
+    *state = s;
+    learn_block(n);
+    return DONE;
+}
+
+/* v of SPEC 9.8; returns whether there is anything. */
+static int transformed(const transform *t, const block *b, int64_t *v)
+{
+    double sums[SIZE_MOST];
+    int size = t->size, at = 0;
+    if (!b->some) return 0;
+    for (int j = 0; j < size; j++) sums[j] = 1 << (COSINE_BITS - 1);
+    for (; at + AT_ONCE <= b->some; at += AT_ONCE) {
+        const double *p = t->waves + (size_t)b->places[at] * (size_t)size;
+        const double *q = t->waves + (size_t)b->places[at + 1] * (size_t)size;
+        const double *r = t->waves + (size_t)b->places[at + 2] * (size_t)size;
+        const double *s = t->waves + (size_t)b->places[at + 3] * (size_t)size;
+        double x = b->x[at], y = b->x[at + 1], z = b->x[at + 2], w = b->x[at + 3];
+        for (int j = 0; j < size; j++) sums[j] += (x * p[j] + y * q[j]) + (z * r[j] + w * s[j]);
+    }
+    for (; at < b->some; at++) {
+        const double *p = t->waves + (size_t)b->places[at] * (size_t)size;
+        for (int j = 0; j < size; j++) sums[j] += b->x[at] * p[j];
+    }
+    for (int j = 0; j < size; j++) v[j] = (int64_t)sums[j] >> COSINE_BITS;
+    return 1;
+}
+
+INLINE void put_count(const transform *t, int64_t at, int64_t x, int32_t *out)
+{
+    int64_t count = t->base + x;
+    if (at < t->span) out[at] = (int32_t)(count < t->low ? t->low : count > t->high ? t->high : count);
+}
+
+/* ``in`` has a margin on both sides, and is used up. *taken: bytes. */
+static int decode_transform(uint8_t *in, int64_t size, const transform *t, int32_t *out, int64_t *taken)
+{
+    int64_t v[2][SIZE_MOST], *now = v[0], *last = v[1];
+    int M = t->size, half = M / 2, state = 0, status, any = 0, was = 0;
+    const int64_t *w = t->window, *z = t->window + half;
+    neighbours n;
+    block b;
+    decoder d;
+    decoder_init(&d, in, 0, size, 1);
+    neighbours_from(&n, M, t->count, t->start);
+    status = overrun(&d) ? BAD_END : DONE;
+    for (int64_t p = 0; !status && p < t->span; p += M, was = any) {
+        int64_t *swap = last;
+        status = get_coefficients(&d, t, &n, &state, &b);
+        if (status) break;
+        last = now;
+        now = swap;
+        any = transformed(t, &b, now);
+        if (!any) memset(now, 0, (size_t)M * sizeof *now);
+        if (!p)
+            for (int i = 0; i < half; i++) put_count(t, i, (now[i] + 128) >> 8, out);
+        else if (any || was)
+            for (int i = 0; i < half; i++) {
+                int64_t right = now[i], left = last[M - 1 - i];
+                put_count(t, p + i, (w[i] * right - z[i] * left + (1 << 22)) >> 23, out);
+                put_count(t, p - 1 - i, (w[i] * left + z[i] * right + (1 << 22)) >> 23, out);
+            }
+        else
+            for (int i = -half; i < half; i++) put_count(t, p + i, 0, out);
+        if (p + M >= t->span)
+            for (int i = half; i < M; i++) put_count(t, p + i, (now[i] + 128) >> 8, out);
+    }
+    if (!status) status = check_end(&d);
+    *taken = front_taken(&d);
+    return status;
+}
+
+#endif
