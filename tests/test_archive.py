@@ -21,7 +21,7 @@ import pytest
 from server import serving
 
 import hapfmt
-from hapfmt.archive import catalogue, jobs, places, runs, work
+from hapfmt.archive import bags, catalogue, jobs, places, runs, work
 from hapfmt.archive.places import Place
 from hapfmt.errors import ParameterError
 from hapfmt.limits import Limits
@@ -74,6 +74,12 @@ def visible(folder: Path) -> set[str]:
     return found - {".hapfmt-archive/log.jsonl"}
 
 
+def flip(path: Path, place: int) -> None:
+    data = bytearray(path.read_bytes())
+    data[place] ^= 0x40
+    path.write_bytes(data)
+
+
 def damage(path: Path) -> None:
     """One byte in the middle, where the packets are."""
     data = bytearray(path.read_bytes())
@@ -104,7 +110,11 @@ class TestEncode:
         archive("encode", "in", "out", cwd=tmp_path)
         write_npz(tmp_path / "in" / "a.npz", 2, 400)
         found = report("encode", "in", "out", cwd=tmp_path, code=1)
-        assert "already exists; use --force" in archive("encode", "in", "out", cwd=tmp_path, code=1)
+        text = archive("encode", "in", "out", cwd=tmp_path, code=1)
+        assert "the recording has changed since" in text
+        assert "use --force" in text
+        text = archive("encode", "in", "out", "--preset", "near-lossless", cwd=tmp_path, code=1)
+        assert "the recording has changed since" in text
         assert results(found) == {"a.npz": "failed"}
         assert len(hapfmt.read(tmp_path / "out" / "a.hapf")["fx"].to_numpy()) == 300
         found = report("encode", "in", "out", "--force", cwd=tmp_path)
@@ -163,6 +173,10 @@ class TestEncode:
         assert "same target" in found["files"][0]["message"]
         assert "a.npz" in found["files"][0]["message"]
         assert visible(tmp_path / "out") == {"a.npy.hapf", "b.hapf"}
+        write_npz(tmp_path / "other" / "b.npz")
+        found = report("encode", "in", "other", "more", cwd=tmp_path, code=1)
+        messages = [each["message"] for each in found["files"] if each["message"]]
+        assert any("other/b.npz would have the same target" in each for each in messages)
 
     def test_patterns_and_single_files(self, tmp_path: Path):
         for day in ("day1", "day2", "night"):
@@ -173,6 +187,32 @@ class TestEncode:
         assert visible(tmp_path / "one") == {"a.hapf"}
         found = report("encode", "nothing*.npz", "missing.npz", "out", cwd=tmp_path, code=1)
         assert results(found) == {"nothing*.npz": "failed", "missing.npz": "failed"}
+
+    def test_notes_are_said_by_kind(self, tmp_path: Path):
+        times = np.arange(2000) / 1000 + np.random.default_rng(1).normal(0, 1e-4, 2000)
+        rows = "".join(f"{t:.6f},{k}\n" for k, t in enumerate(np.sort(times)))
+        (tmp_path / "in").mkdir()
+        for name in ("a", "b"):
+            (tmp_path / "in" / f"{name}.csv").write_text("t,fx\n" + rows)
+        for verb, more in (("encode", []), ("convert", ["--output-format", "npz"])):
+            done = commands.run("archive", verb, "in", f"{verb}d", *more, cwd=tmp_path)
+            notes = [line for line in done.stderr.decode().splitlines() if "note" in line]
+            assert sum("2 files, such as a.csv: " in line for line in notes) == len(notes) - 1 > 0
+            assert notes[-1] == "note: --json lists the notes by file"
+        found = report("encode", "in", "again", cwd=tmp_path)
+        assert all(each["notes"] for each in found["files"])
+
+    def test_nothing_is_left_out_silently(self, tmp_path: Path):
+        write_npz(tmp_path / "in" / "a.npz")
+        write_hapf(tmp_path / "in" / "b.hapf")
+        (tmp_path / "in" / "c.txt").write_text("")
+        (tmp_path / "in" / ".d").write_text("")
+        done = commands.run("archive", "encode", "in", "out", cwd=tmp_path)
+        assert b"left out: 1 .hapf file, such as b.hapf" in done.stderr
+        assert b"left out: 1 file of other formats, such as c.txt" in done.stderr
+        done = commands.run("archive", "encode", "out/raw", "out", cwd=tmp_path)
+        assert done.returncode == 1
+        assert b"lies in the folder TARGET" in done.stderr
 
     def test_an_empty_folder(self, tmp_path: Path):
         (tmp_path / "in").mkdir()
@@ -326,7 +366,7 @@ class TestInterrupted:
         path = tmp_path / "out" / runs.FOLDER / runs.LOG
         lines = path.read_bytes().splitlines(keepends=True)
         odd = [b"\xff\n", b"[]\n", b'{"file": 3, "stamp": []}\n', b'{"file": "x"}\n', b"null\n"]
-        path.write_bytes(b"".join([*lines[:2], *odd, lines[2], lines[3][:-20]]))
+        path.write_bytes(b"".join([*lines[:3], *odd, lines[3], lines[4][:-20]]))
         # The second file is whole, and the log says that it was begun here.
         assert report("encode", "in", "out", cwd=tmp_path)["results"] == {"skipped": 2}
         assert report("encode", "in", "out", cwd=tmp_path)["results"] == {"skipped": 2}
@@ -337,6 +377,55 @@ class TestInterrupted:
             done = commands.run("archive", "encode", "in", "out", cwd=tmp_path)
         assert done.returncode == 1
         assert b"another run uses the log" in done.stderr
+
+    @pytest.mark.parametrize("verb", ["encode", "verify", "catalogue", "bag"])
+    @pytest.mark.parametrize("kind", ["text", "recording", "folder", "device", "other log"])
+    def test_a_file_that_is_no_log_stays(self, tmp_path: Path, verb: str, kind: str):
+        pytest.importorskip("polars")
+        pytest.importorskip("rocrate")
+        write_hapf(tmp_path / "in" / "a.hapf")
+        path = tmp_path / "report.log"
+        if kind == "text":
+            path.write_text("my notes")
+        elif kind == "recording":
+            write_hapf(path)
+        elif kind == "folder":
+            path.mkdir()
+        elif kind == "device":
+            path.symlink_to("/dev/null")
+        else:
+            with runs.Log(path, "something else"):
+                pass
+        before = path.read_bytes() if path.is_file() else b""
+        words = {"encode": ["in", "out"], "catalogue": ["in", "-o", "c.parquet"]}.get(verb, ["in"])
+        done = commands.run("archive", verb, *words, "--log", "report.log", cwd=tmp_path)
+        assert done.returncode == 1
+        wanted = b"is the log of another command" if kind == "other log" else b"is not a log of"
+        assert wanted in done.stderr
+        assert path.exists()
+        assert not path.is_file() or path.read_bytes() == before
+        assert (tmp_path / "in" / "a.hapf").exists()
+
+    def test_an_archive_that_moved_goes_on(self, tmp_path: Path):
+        write_npz(tmp_path / "lab" / "in" / "a.npz")
+        report("encode", "in", "out", cwd=tmp_path / "lab")
+        (tmp_path / "lab").rename(tmp_path / "moved")
+        found = report("encode", "in", "out", cwd=tmp_path / "moved")
+        assert found["results"] == {"skipped": 1}
+        log = (tmp_path / "moved" / "out" / runs.FOLDER / runs.LOG).read_text()
+        assert str(tmp_path) not in log
+
+    def test_an_interruption_says_how_far_it_is(self):
+        from hapfmt.cli.archive import counting
+
+        shown: list[tuple[int, int]] = []
+        with (
+            pytest.raises(ParameterError, match="3 of 7 files done; the same command goes on"),
+            counting(lambda *state: shown.append(state), "the same command goes on") as count,
+        ):
+            count(3, 7)
+            raise KeyboardInterrupt
+        assert shown == [(3, 7)]
 
     @pytest.mark.deep
     @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
@@ -369,6 +458,13 @@ class TestInterrupted:
 
 
 class TestRecoverAndConvert:
+    def test_nothing_to_recover(self, tmp_path: Path):
+        hapfmt.write(np.arange(300.0), tmp_path / "a.hapf", rate=1000, labels=["x"])
+        for place in range(80, (tmp_path / "a.hapf").stat().st_size, 40):
+            flip(tmp_path / "a.hapf", place)
+        found = report("recover", "a.hapf", "out", cwd=tmp_path, code=3)
+        assert "nothing was recovered" in found["files"][0]["message"]
+
     def test_only_damaged_files_are_written(self, tmp_path: Path):
         for name in ("a", "b"):
             write_hapf(tmp_path / "in" / f"{name}.hapf", size=3000)
@@ -418,7 +514,7 @@ class TestVerify:
         found = report("verify", "in", cwd=tmp_path, code=3)
         assert results(found) == {"a.hapf": "damaged", "b.hapf": "intact", "c.hapf": "intact"}
         (tmp_path / "in" / "b.hapf").write_text("junk")
-        found = report("verify", "in", cwd=tmp_path, code=2)
+        found = report("verify", "in", cwd=tmp_path, code=3)
         assert found["results"] == {"damaged": 1, "nonconforming": 1, "intact": 1}
         (tmp_path / "in" / "c.hapf").unlink()
         (tmp_path / "in" / "c.hapf").symlink_to("c.hapf")
@@ -429,8 +525,25 @@ class TestVerify:
             return runs.RunSummary([jobs.FileOutcome("", "", each) for each in codes]).exit_code
 
         assert [code(), code(0), code(4, 0), code(3, 4), code(4, 2, 3), code(2, 1)] == [
-            0, 0, 4, 3, 2, 1,
+            0, 0, 4, 3, 3, 1,
         ]  # fmt: skip
+
+    def test_nothing_found_is_not_intact(self, tmp_path: Path):
+        """As a disk that is not mounted."""
+        (tmp_path / "empty").mkdir()
+        write_hapf(tmp_path / "in" / "a.hapf")
+        for words in (["empty"], ["in", "empty"]):
+            found = report("verify", *words, cwd=tmp_path, code=1)
+            bad = [each for each in found["files"] if each["exit_code"]]
+            assert [each["file"] for each in bad] == ["empty"]
+            assert "no .hapf file and no bag was found here" in bad[0]["message"]
+
+    def test_names_begin_with_their_source_where_there_are_several(self, tmp_path: Path):
+        write_hapf(tmp_path / "one" / "a.hapf")
+        write_hapf(tmp_path / "two" / "a.hapf")
+        write_hapf(tmp_path / "b.hapf")
+        found = report("verify", "one", "tw*", "b.hapf", cwd=tmp_path)
+        assert sorted(results(found)) == ["b.hapf", "one/a.hapf", "two/a.hapf"]
 
     def test_a_large_file_is_not_read_into_memory(self, tmp_path: Path, monkeypatch):
         monkeypatch.setattr(jobs, "WHOLE", 10)
@@ -453,7 +566,7 @@ class TestVerify:
             jobs.Job("verify", place)
             for place in places.find_places([str(tmp_path / "in")], places.is_hapf)
         ]
-        with runs.Log(tmp_path / "log") as log:
+        with runs.Log(tmp_path / "log", runs.VERIFIED) as log:
             runs.run(checks[:1], log=log)
         os.utime(tmp_path / "in" / "b.hapf")
         found = report("verify", str(tmp_path / "in"), "--log", "log", cwd=tmp_path, code=3)
@@ -487,7 +600,7 @@ class TestCatalogue:
 
         rows = polars.read_parquet(held / "in" / "catalogue.parquet").to_dicts()
         assert [(row["file"], row["channel"], row["label"]) for row in rows] == [
-            ("a.hapf", 0, "fx"), ("a.hapf", 1, "fy"), ("gap.hapf", 0, ""),
+            ("a.hapf", 0, "fx"), ("a.hapf", 1, "fy"), ("gap.hapf", 0, None),
             ("sub dir/line\nbreak.hapf", 0, "fx"), ("sub dir/line\nbreak.hapf", 1, "fy"),
         ]  # fmt: skip
         x, y = signal_of(1, 3000)
@@ -515,7 +628,7 @@ class TestCatalogue:
         found = duckdb.sql(
             f"select label, count(*), max(rms) from '{path}' group by label order by label"
         ).fetchall()
-        assert [row[:2] for row in found] == [("", 1), ("fx", 2), ("fy", 2)]
+        assert [row[:2] for row in found] == [("fx", 2), ("fy", 2), (None, 1)]
 
     def test_only_new_and_changed_files_are_read(self, held: Path, tmp_path: Path):
         shutil.copytree(held / "in", tmp_path / "in")
@@ -553,7 +666,7 @@ class TestCatalogue:
     def test_an_interrupted_catalogue_goes_on(self, held: Path, tmp_path: Path):
         found = places.find_places([str(held / "in")], places.is_hapf)
         todo = catalogue.catalogue_jobs(found, tmp_path / "c.parquet", Limits())
-        with runs.Log(tmp_path / runs.FOLDER / "c.parquet.jsonl") as log:
+        with runs.Log(tmp_path / runs.FOLDER / "c.parquet.jsonl", runs.CATALOGUED) as log:
             runs.run(todo[:2], log=log)
         report("catalogue", held / "in", "-o", "c.parquet", cwd=tmp_path)
         assert [path.name for path in tmp_path.iterdir()] == ["c.parquet"]
@@ -563,6 +676,17 @@ class TestCatalogue:
         assert [{k: v for k, v in row.items() if k not in strip} for row in ours] == [
             {k: v for k, v in row.items() if k not in strip} for row in theirs
         ]
+
+    def test_files_that_are_gone_are_counted(self, held: Path, tmp_path: Path):
+        shutil.copytree(held / "in", tmp_path / "in")
+        (tmp_path / "in" / "a.hapf").unlink()
+        done = commands.run("archive", "catalogue", "in", cwd=tmp_path)
+        assert b"2 rows of 1 file removed" in done.stderr
+        shutil.rmtree(tmp_path / "in" / "sub dir")
+        (tmp_path / "in" / "gap.hapf").unlink()
+        done = commands.run("archive", "catalogue", "in", cwd=tmp_path)
+        assert b"3 rows of 2 files removed" in done.stderr
+        assert report("find", "in", cwd=tmp_path)["rows"] == []
 
     @pytest.mark.deep
     def test_it_replaces_nothing_else(self, held: Path, tmp_path: Path):
@@ -590,6 +714,9 @@ class TestFind:
             ("recorded >= date('2023-11-14')", 1),
             ("channel is null", 0),
             ("lower(verdict) in ('intact', 'damaged')", 5),
+            ("quantity = 'force' and unit = 'N'", 2),  # by the unit
+            ("label is null and device is null", 1),
+            ("modified > date '2020-01-01'", 5),
         ],
     )
     def test_an_expression(self, held: Path, where: str, count: int):
@@ -602,6 +729,11 @@ class TestFind:
             ("rms >", "--where 'rms >'"),
             ("rms", "Boolean"),
             ("rms > 'a'", "compare"),
+            ("recorded > '2026-01-01'", "date '2026-01-31'"),
+            ('unit = "N"', "text is in single quotes: 'N'"),
+            ("verdict <> intact", "text is in single quotes: 'intact'"),
+            ("max(rms) > 1", "one channel at a time"),
+            ("rms > AVG (rms)", "one channel at a time"),
             ("", "--where"),
             ("rms > 1; drop table x", "--where"),
             ("file in (select * from read_csv('/etc/passwd'))", "--where"),
@@ -630,6 +762,17 @@ class TestFind:
             "gap.hapf",
             "sub dir/line\N{REPLACEMENT CHARACTER}break.hapf",
         ]
+
+    def test_names_that_end_with_a_null_byte(self, held: Path):
+        found = archive("find", "in", "--files", "-0", "--where", "unit = 'mm'", cwd=held)
+        assert found.split("\0") == ["a.hapf", "gap.hapf", "sub dir/line\nbreak.hapf", ""]
+
+    def test_a_file_that_cannot_be_read_is_no_channel(self, tmp_path: Path):
+        pytest.importorskip("polars")
+        (tmp_path / "junk.hapf").write_text("junk")
+        report("catalogue", ".", cwd=tmp_path, code=2)
+        found = archive("find", ".", cwd=tmp_path)
+        assert "0 channels in 1 file, 1 of them without a readable channel" in found
 
     def test_what_is_no_catalogue(self, tmp_path: Path):
         polars = pytest.importorskip("polars")
@@ -686,6 +829,7 @@ class TestBag:
         info = (bagged / "deposit" / "bag-info.txt").read_text("utf-8")
         assert "Source-Organization: Lab\n" in info
         assert "Contact-Name: B. Author\n" in info
+        assert "Title: Grasps\n" in info
 
     @pytest.mark.deep
     def test_another_implementation_accepts_it(self, bagged: Path):
@@ -753,7 +897,7 @@ class TestBag:
         # A whole file, but another one.
         other = data / "sub 1" / "with space.hapf"
         other.write_bytes((data / "sub 1" / "日本.hapf").read_bytes())
-        found = report("verify", "deposit", cwd=deposit, code=2)
+        found = report("verify", "deposit", cwd=deposit, code=3)
         bad = {each["file"]: each["result"] for each in found["files"] if each["exit_code"]}
         expected = {
             "data/sub 0/plain.hapf": "damaged", "data/read me.txt": "damaged",
@@ -761,7 +905,7 @@ class TestBag:
             "data/sub 1/with space.hapf": "damaged",
         }  # fmt: skip
         assert bad == expected
-        text = archive("verify", "deposit", cwd=deposit, code=2)
+        text = archive("verify", "deposit", cwd=deposit, code=3)
         assert all(name in text for name in expected)
 
     def test_damage_of_the_bag_itself(self, deposit: Path):
@@ -816,15 +960,129 @@ class TestBag:
         assert b"did not write it" in done.stderr
         assert visible(tmp_path / "in") == {"a.hapf", "ro-crate-metadata.json"}
 
-    @pytest.mark.deep
-    def test_an_interrupted_bag_is_made_again(self, deposit: Path):
-        before = {p.relative_to(deposit) for p in (deposit / "deposit" / "data").rglob("*")}
-        for name in ("bagit.txt", "tagmanifest-sha256.txt", "bag-info.txt"):
-            (deposit / "deposit" / name).unlink()
-        report("bag", "deposit", cwd=deposit)
-        report("verify", "deposit", cwd=deposit)
-        after = {p.relative_to(deposit) for p in (deposit / "deposit" / "data").rglob("*")}
-        assert before == after
+    @pytest.mark.parametrize("moment", range(1, 11))
+    def test_an_interrupted_bag_is_made_again(self, tmp_path: Path, monkeypatch, moment: int):
+        """A full disk and a crash at each step: three tag files, and the moves after them."""
+        pytest.importorskip("rocrate")
+        write_hapf(tmp_path / "in" / "a.hapf")
+        write_hapf(tmp_path / "in" / "data" / "b.hapf")
+        root = tmp_path / "in"
+        report("catalogue", "in", cwd=tmp_path)
+        count = 0
+
+        def fail(original: Any) -> Any:
+            def step(*words: Any) -> Any:
+                nonlocal count
+                count += 1
+                if count == moment:
+                    raise OSError(28, "No space left on device")
+                return original(*words)
+
+            return step
+
+        undo = bags.unpack_unfinished
+        with monkeypatch.context() as patch:
+            patch.setattr(bags, "write_whole", fail(bags.write_whole))
+            patch.setattr(Path, "rename", fail(Path.rename))
+            patch.setattr(bags, "unpack_unfinished", lambda _root: None)
+            with pytest.raises(OSError, match="No space left"):
+                bags.write_bag(root, bags.DepositFacts(), 1)
+        assert not (root / "bagit.txt").exists()
+        found = report("verify", "in", cwd=tmp_path, code=2)
+        assert "run hapfmt archive bag again" in found["files"][0]["message"]
+        undo(root)
+        assert visible(root) == {"a.hapf", "data/b.hapf", "catalogue.parquet"}
+        report("bag", "in", cwd=tmp_path)
+        report("verify", "in", cwd=tmp_path)
+        assert visible(root) >= {"data/a.hapf", "data/data/b.hapf"}
+
+    def test_a_full_disk_leaves_the_folder_as_it_was(self, tmp_path: Path, monkeypatch):
+        write_hapf(tmp_path / "in" / "a.hapf")
+
+        def full(path: Path, _text: str) -> None:
+            path.touch()
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(bags, "write_whole", full)
+        with pytest.raises(OSError, match="No space left"):
+            bags.write_bag(tmp_path / "in", bags.DepositFacts(), 1)
+        assert visible(tmp_path / "in") == {"a.hapf"}
+
+    def test_nothing_is_written_into_a_bag(self, deposit: Path):
+        write_npz(deposit / "new" / "n.npz")
+        write_hapf(deposit / "new" / "n.hapf")
+        root = deposit / "deposit"
+        before = visible(root)
+        words = ["--output-format", "csv"]
+        for target in ("deposit", "deposit/data", "deposit/data/deeper/still"):
+            for verb, more in (("encode", []), ("convert", words), ("recover", [])):
+                done = commands.run("archive", verb, "new", target, *more, cwd=deposit)
+                assert done.returncode == 1
+                assert b"is a bag, and a new file would make it invalid" in done.stderr
+        for words in (["bag", "deposit/data"], ["bag", "deposit/data/sub 0"]):
+            done = commands.run("archive", *words, cwd=deposit)
+            assert done.returncode == 1
+            assert b"lies within the bag" in done.stderr
+        words = ["catalogue", "new", "-o", "deposit/data/c.parquet"]
+        assert commands.run("archive", *words, cwd=deposit).returncode == 1
+        assert visible(root) == before
+        (root / "bagit.txt").unlink()
+        assert commands.run("archive", "bag", "deposit", cwd=deposit).returncode == 1
+        assert visible(root) == before - {"bagit.txt"}
+
+    def test_a_broken_bag_is_not_silent(self, deposit: Path):
+        write_hapf(deposit / "deposit" / "stray.hapf")
+        (deposit / "deposit" / "stray.txt").write_text("")
+        (deposit / "deposit" / "data" / "up").symlink_to("..")
+        found = report("verify", "deposit", cwd=deposit, code=2)
+        unknown = {each["file"] for each in found["files"] if each["result"] == "unknown"}
+        assert unknown == {"stray.hapf", "stray.txt", "data/up"}
+        (deposit / "deposit" / "bagit.txt").unlink()
+        found = report("verify", "deposit", cwd=deposit, code=2)
+        assert "bagit.txt is missing" in found["files"][0]["message"]
+
+    @pytest.mark.parametrize("source", [".", "*", "shelf", "sh*"])
+    def test_bags_below_a_source_are_checked_as_bags(self, deposit: Path, source: str):
+        (deposit / "shelf").mkdir()
+        (deposit / "deposit").rename(deposit / "shelf" / "deposit")
+        write_hapf(deposit / "shelf" / "a.hapf")
+        assert report("verify", source, cwd=deposit)["results"] == {"intact": len(BAGGED) + 7}
+        (deposit / "shelf" / "deposit" / "data" / "read me.txt").unlink()
+        found = report("verify", source, cwd=deposit, code=3)
+        missing = [each["file"] for each in found["files"] if each["result"] == "missing"]
+        assert [Path(name).as_posix() for name in missing] == ["shelf/deposit/data/read me.txt"]
+
+    def test_a_part_of_a_bag_gets_a_note(self, deposit: Path):
+        done = commands.run("archive", "verify", "deposit/data", cwd=deposit)
+        assert done.returncode == 0
+        assert b"hapfmt archive verify" in done.stderr
+
+    def test_a_link_in_a_bag_is_the_problem_of_one_file(self, deposit: Path):
+        data = deposit / "deposit" / "data"
+        (deposit / "outside.hapf").write_bytes((data / "sub 0" / "plain.hapf").read_bytes())
+        (data / "sub 0" / "plain.hapf").unlink()
+        (data / "sub 0" / "plain.hapf").symlink_to(deposit / "outside.hapf")
+        found = report("verify", "deposit", cwd=deposit, code=3)
+        bad = {each["file"]: each["message"] for each in found["files"] if each["exit_code"]}
+        assert bad == {"data/sub 0/plain.hapf": "a link is in the place of this file"}
+        assert len(found["files"]) == len(BAGGED) + 6
+
+    def test_what_is_odd_in_a_folder_is_said(self, tmp_path: Path):
+        pytest.importorskip("rocrate")
+        (tmp_path / "in" / ".git").mkdir(parents=True)
+        (tmp_path / "in" / ".git" / "config").write_text("")
+        done = commands.run("archive", "bag", "in", cwd=tmp_path)
+        assert done.returncode == 1
+        assert b"holds no .hapf file" in done.stderr
+        write_npz(tmp_path / "raw" / "b.npz")
+        (job,) = encode_jobs(tmp_path / "raw", tmp_path / "in")
+        with runs.Log(tmp_path / "in" / runs.FOLDER / runs.LOG) as log:
+            log.write(job)
+        write_hapf(tmp_path / "in" / "a.hapf")
+        done = commands.run("archive", "bag", "in", cwd=tmp_path)
+        assert done.returncode == 0
+        assert b"1 hidden file, such as .git/config" in done.stderr
+        assert b"1 output of an earlier command" in done.stderr
 
 
 class TestRemote:
@@ -901,6 +1159,14 @@ class TestRemote:
         assert b"--log" in done.stderr
 
 
+@pytest.mark.parametrize("address", ["", "nonsense", "nonsense://x:1", "http://x:8786", "tcp://x"])
+def test_what_is_no_address_of_a_scheduler(tmp_path: Path, address: str):
+    write_hapf(tmp_path / "a.hapf")
+    done = commands.run("archive", "verify", "a.hapf", "--dask", address, cwd=tmp_path)
+    assert done.returncode == 1
+    assert b"is not the address of a Dask scheduler" in done.stderr
+
+
 def test_names_never_lead_out_of_the_target():
     odd = [Place("../../x.npz", "/a"), Place("/etc/x.npz", "/b")]
     found, _ = runs.targets_of(odd, "/out", ".hapf")
@@ -960,9 +1226,78 @@ class TestDask:
     def test_no_scheduler_there(self, tmp_path: Path):
         pytest.importorskip("distributed")
         write_hapf(tmp_path / "in" / "a.hapf")
-        done = commands.run("archive", "verify", "in", "--dask", "nonsense://x", cwd=tmp_path)
+        done = commands.run("archive", "verify", "in", "--dask", "tcp://127.0.0.1:1", cwd=tmp_path)
         assert done.returncode == 1
-        assert b"no Dask scheduler" in done.stderr
+        assert b"no Dask scheduler answers" in done.stderr
+
+    def test_a_scheduler_without_workers(self, tmp_path: Path, monkeypatch):
+        distributed = pytest.importorskip("distributed")
+        monkeypatch.setattr(runs, "WORKER_SECONDS", 0.2)
+        write_hapf(tmp_path / "a.hapf")
+        work = [jobs.Job("verify", places.place_of(tmp_path / "a.hapf", "a.hapf"))]
+        heard: list[str] = []
+        with (
+            distributed.LocalCluster(
+                n_workers=0, processes=False, dashboard_address=":0", protocol="tcp://"
+            ) as cluster,
+            pytest.raises(ParameterError, match="has no workers; start one with: dask worker"),
+        ):
+            runs.run(work, address=cluster.scheduler_address, tell=heard.append)
+        assert heard[0].startswith("waiting for workers of tcp://")
+
+    def test_a_scheduler_that_goes_away(self, tmp_path: Path):
+        distributed = pytest.importorskip("distributed")
+        psutil = pytest.importorskip("psutil")
+        del distributed
+        for seed in range(30):
+            write_npz(tmp_path / "in" / f"{seed}.npz", seed, 20_000)
+        code = (
+            "import distributed, time\n"
+            "if __name__ == '__main__':\n"
+            "    c = distributed.LocalCluster(n_workers=1, processes=False, protocol='tcp://',"
+            " dashboard_address=':0')\n"
+            "    print(c.scheduler_address, flush=True)\n"
+            "    time.sleep(600)\n"
+        )
+        scheduler = subprocess.Popen(
+            [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+        assert scheduler.stdout is not None
+        with scheduler, scheduler.stdout:
+            address = scheduler.stdout.readline().decode().strip()
+            process = subprocess.Popen(
+                [sys.executable, "-m", "hapfmt", "archive", "encode", "in", "out", "--dask", address],
+                cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            )  # fmt: skip
+            while not list((tmp_path / "out").glob("*.hapf")) and process.poll() is None:
+                time.sleep(0.01)
+            psutil.Process(scheduler.pid).kill()
+            _, err = process.communicate(timeout=60)
+        assert process.returncode == 1
+        assert b"Traceback" not in err
+        assert b"the connection to the Dask scheduler" in err
+        found = report("encode", "in", "out", cwd=tmp_path)
+        assert found["results"]["skipped"] > 0
+
+    def test_interrupted_while_the_cluster_starts(self, tmp_path: Path):
+        pytest.importorskip("distributed")
+        for seed in range(30):
+            write_npz(tmp_path / "in" / f"{seed}.npz", seed, 20_000)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "hapfmt", "archive", "encode", "in", "out", "--jobs", "1"],
+            cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+        )  # fmt: skip
+        psutil = pytest.importorskip("psutil")
+        while process.poll() is None:  # until a process of the cluster is on its way
+            if psutil.Process(process.pid).children():
+                break
+            time.sleep(0.01)
+        os.killpg(process.pid, signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+        assert process.returncode == 1, err
+        assert b"interrupted" in err
+        assert b"Traceback" not in err
+        assert not list((tmp_path / "out").glob("*.hapf"))
 
     def test_a_file_that_kills_its_worker_is_the_only_one_that_fails(self, tmp_path: Path):
         distributed = pytest.importorskip("distributed")

@@ -2,31 +2,42 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import os
 import re
-import secrets
-from collections.abc import Iterable, Mapping
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from datetime import date
+from functools import partial
+from glob import has_magic
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from ..errors import MissingExtraError, ParameterError
-from ..files import atomic_write
+from ..files import sync_directory
 from ..format.source import is_url
 from ..limits import Limits
 from ..version import __version__
-from .jobs import FileOutcome, Job
-from .places import place_of
+from .jobs import FileOutcome, Job, hashed
+from .places import Place, pattern_matches, place_of
 from .runs import FOLDER
 
 DECLARATION = "bagit.txt"
 CRATE = "ro-crate-metadata.json"
 MISSING, UNKNOWN = "missing", "unknown"
 MARK = "Written by hapfmt archive bag"
-TAG_FILES = ("bag-info.txt", "manifest-sha256.txt", "tagmanifest-sha256.txt")
+TITLE = "Title"
+"""Our own element of bag-info.txt: RFC 8493 reserves none for a title."""
+MANIFEST, INFO, TAG_MANIFEST = "manifest-sha256.txt", "bag-info.txt", "tagmanifest-sha256.txt"
+UNFINISHED = ".hapfmt-bag"
+"""Folder in which a bag is prepared."""
+PAYLOAD_MANIFEST = re.compile(r"manifest-\w+\.txt")
+TAG_FILE = re.compile(r"bagit\.txt|bag-info\.txt|fetch\.txt|(tag)?manifest-\w+\.txt")
 AMBIGUOUS = re.compile("[\r\n]|%(0a|0d|25)", re.IGNORECASE)
 
 
@@ -40,38 +51,124 @@ def bagit() -> Any:
 
 
 def is_bag(source: str) -> bool:
-    return not is_url(source) and os.path.isfile(f"{source}/{DECLARATION}")  # noqa: PTH113 (never raises)
+    """Whether a folder is a bag, or what is left of one."""
+    if is_url(source):
+        return False
+    try:
+        names = os.listdir(source)  # noqa: PTH208 (a source may be no path)
+    except OSError:
+        return False
+    return (
+        DECLARATION in names
+        or UNFINISHED in names
+        or ("data" in names and any(map(PAYLOAD_MANIFEST.fullmatch, names)))
+    )
 
 
-def bag_work(source: str, limits: Limits) -> tuple[list[Job], list[FileOutcome]]:
+def bag_around(path: Path) -> Path | None:
+    """The bag that a path lies in."""
+    parents = Path(os.path.realpath(path)).parents
+    return next((each for each in parents if is_bag(str(each))), None)
+
+
+def refuse_bag(path: str) -> None:
+    """Raises ParameterError where a new file would make a bag invalid."""
+    bag = path if is_bag(path) else bag_around(Path(path))
+    if bag:
+        raise ParameterError(f"{bag} is a bag, and a new file would make it invalid", path="")
+
+
+def bags_of(source: str) -> list[str]:
+    """The bags that a folder or a pattern finds, without those within a bag."""
+    if is_url(source):
+        return []
+    found: list[str] = []
+    is_pattern = has_magic(source) and not os.path.lexists(source)
+    for root in pattern_matches(source) if is_pattern else [source]:
+        for folder, folders, _ in os.walk(root):
+            folders[:] = sorted(name for name in folders if not name.startswith("."))
+            if is_bag(folder):
+                found.append(folder)
+                folders.clear()
+    return list(dict.fromkeys(found))
+
+
+def not_bagged(places: Iterable[Place], bags: Iterable[str]) -> list[Place]:
+    """Without the files of these bags: the bags list them."""
+    roots = {os.path.realpath(each) for each in bags}
+
+    def folders(location: str) -> list[str]:
+        here = Path(os.path.realpath(Path(location).parent))  # the file itself may be a link
+        return [str(here), *map(str, here.parents)]
+
+    return [one for one in places if one.is_url or not roots.intersection(folders(one.location))]
+
+
+def bag_work(source: str, limits: Limits, prefix: str) -> tuple[list[Job], list[FileOutcome]]:
     """A job for each file that the bag lists, and what is wrong with the bag without reading its
-    files: missing files, unknown files, a broken structure."""
+    files: missing files, unknown files, links, a broken structure. ``prefix``: of their names."""
     module = bagit()
     root = Path(source)
+    problems: list[FileOutcome] = []
+
+    def problem(name: str, result: str, code: int, text: str) -> None:
+        problems.append(FileOutcome(prefix + name, result, code, text))
+
+    class Bag(module.Bag):  # type: ignore[misc,name-defined]
+        """A link in the bag is a problem of that file, not of the bag."""
+
+        def _path_is_dangerous(self, path: str) -> bool:
+            return Path(path).is_absolute() or path.startswith(("..", "~")) or path == "."
+
     try:
-        bag = module.Bag(str(root))
+        if not (root / DECLARATION).is_file():
+            if (root / UNFINISHED).exists():
+                raise module.BagError("it is not complete; run hapfmt archive bag again")
+            raise module.BagError(f"{DECLARATION} is missing")
+        bag = Bag(str(root))
         bag.validate_fetch()
         gone, extra = bag.compare_manifests_with_fs()
         if not (root / "data").is_dir() or not list(bag.manifest_files()):
             raise module.BagError("it has no data folder, or no manifest")
     except (module.BagError, OSError, ValueError) as error:
         return [], [FileOutcome(source, "nonconforming", 2, f"not a valid bag: {error}")]
-    work, problems = [], []
+    work = []
     names = bag.normalized_filesystem_names
     for listed, expected in sorted(bag.entries.items()):
         name = names.get(module.normalize_unicode(listed), listed)
         path = root / name
-        if listed in gone or not os.path.lexists(path):
-            problems.append(FileOutcome(name, MISSING, 3, "the bag lists this file"))
-            continue
-        place = place_of(path, name)
-        work.append(Job("verify", place, options={"expected": expected}, limits=limits))
-    problems += [
-        FileOutcome(name, UNKNOWN, 2, "the bag does not list this file") for name in sorted(extra)
-    ]
+        if has_link(root, name):
+            problem(name, "damaged", 3, "a link is in the place of this file")
+        elif listed in gone or not os.path.lexists(path):
+            problem(name, MISSING, 3, "the bag lists this file")
+        else:
+            place = place_of(path, prefix + name)
+            work.append(Job("verify", place, options={"expected": expected}, limits=limits))
+    for name in sorted([*extra, *unlisted(root, set(bag.entries))]):
+        problem(name, UNKNOWN, 2, "the bag does not list this file")
     if not any(listed.startswith("data") for listed in bag.entries) and not problems:
         problems.append(FileOutcome(source, "nonconforming", 2, "the bag lists no file"))
     return work, problems
+
+
+def has_link(root: Path, name: str) -> bool:
+    path = root / name
+    return any(each.is_symlink() for each in (path, *path.parents) if root in each.parents)
+
+
+def unlisted(root: Path, listed: set[str]) -> Iterator[str]:
+    """Links to folders, and files outside of the payload that no manifest of tag files lists."""
+    has_manifest = any(root.glob("tagmanifest-*.txt"))
+    for folder, folders, names in os.walk(root):
+        here = Path(folder).relative_to(root)
+        links = [name for name in folders if (Path(folder) / name).is_symlink()]
+        for name in links if here.parts[:1] == ("data",) else [*links, *names]:
+            below = (here / name).as_posix()
+            is_own = TAG_FILE.fullmatch(below) and (
+                not has_manifest or below.startswith("tagmanifest-")
+            )
+            if below not in listed and not is_own:
+                yield below
 
 
 @dataclass(frozen=True)
@@ -88,7 +185,10 @@ class DepositFacts:
     def __post_init__(self) -> None:
         for name, value in (("title", self.title), *self.info):
             if any(sign in name + value for sign in "\r\n") or ":" in name or not name.strip():
-                raise ParameterError(f"{name!r} cannot be a line of bag-info.txt")
+                raise ParameterError(
+                    f"{name!r} with its text cannot be a line of bag-info.txt "
+                    "(--title, --info KEY=VALUE)"
+                )
 
 
 def unbaggable(root: Path) -> list[FileOutcome]:
@@ -125,18 +225,21 @@ def is_text(name: str) -> bool:
 
 
 def unpack_unfinished(root: Path) -> None:
-    """Undoes a bag that was interrupted while its checksums were computed."""
-    data = root / "data"
-    others = [path for path in root.iterdir() if path != data and path.name not in TAG_FILES]
-    if is_bag(str(root)) or others or not is_ours(data / CRATE):
+    """Undoes a bag that was interrupted: every step of :func:`write_bag`, in reverse."""
+    room = root / UNFINISHED
+    if not room.is_dir() or (root / DECLARATION).exists():
         return
-    for name in TAG_FILES:
-        (root / name).unlink(missing_ok=True)
-    moved = root / f".{secrets.token_hex(8)}.tmp"
-    data.rename(moved)
-    for path in sorted(moved.iterdir()):
-        path.rename(root / path.name)
-    moved.rmdir()
+    payload = room / "data"
+    if (room / DECLARATION).exists():  # the files may have moved
+        for name in (MANIFEST, INFO, TAG_MANIFEST):
+            (root / name).unlink(missing_ok=True) if not (room / name).exists() else None
+        if not payload.exists():
+            (root / "data").rename(payload)
+        for path in sorted(payload.iterdir()):
+            if os.path.lexists(root / path.name):
+                raise ParameterError(f"{path} is in the way of an unfinished bag: {room}", path="")
+            path.rename(root / path.name)
+    shutil.rmtree(room)
 
 
 def is_ours(crate: Path) -> bool:
@@ -147,30 +250,84 @@ def is_ours(crate: Path) -> bool:
 
 
 def write_bag(root: Path, about: DepositFacts, processes: int) -> dict[str, Any]:
-    """Makes the folder a bag of BagIt 1.0 with SHA-256 manifests, and says what it holds."""
+    """Makes the folder a bag of BagIt 1.0 with SHA-256 manifests, and says what it holds.
+
+    The tag files are complete before a file moves, and ``bagit.txt`` gets its place last. After
+    an interruption the folder lacks it, and :func:`unpack_unfinished` undoes every step.
+    """
     module = bagit()
-    info: dict[str, Any] = {
-        "Bag-Software-Agent": f"hapfmt {__version__} with bagit.py {module.VERSION}"
+    names = sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
+    entries = list(root.iterdir())
+    with ThreadPoolExecutor(processes) as pool:
+        sums = list(pool.map(partial(sha256, root), names))
+    size = sum((root / name).stat().st_size for name in names)
+    tags = {
+        DECLARATION: "BagIt-Version: 1.0\nTag-File-Character-Encoding: UTF-8\n",
+        INFO: "".join(f"{key}: {value}\n" for key, value in info_of(about, size, len(names))),
+        MANIFEST: "".join(
+            f"{value}  data/{name}\n" for value, name in zip(sums, names, strict=True)
+        ),
     }
-    if about.title:
-        info["External-Identifier"] = about.title
-    if about.description:
-        info["External-Description"] = " ".join(about.description.split())
-    if about.authors:
-        info["Contact-Name"] = list(about.authors)
-    info |= dict(about.info)
+    room = root / UNFINISHED
     try:
-        bag = module.make_bag(str(root), info, processes=processes, checksums=["sha256"])
-        # The library writes version 0.97, which is older than RFC 8493. For these names the
-        # contents of both versions are the same.
-        with atomic_write(root / DECLARATION, force=True) as stream:
-            stream.write(b"BagIt-Version: 1.0\nTag-File-Character-Encoding: UTF-8\n")
-        bag.save()
+        (room / "data").mkdir(parents=True)
+        (room / "data").chmod(root.stat().st_mode)
+        for name in (INFO, MANIFEST):
+            write_whole(room / name, tags[name])
+        listed = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in tags.items()}
+        lines = [f"{listed[name]}  {name}\n" for name in sorted(listed)]
+        write_whole(room / TAG_MANIFEST, "".join(lines))
+        write_whole(room / DECLARATION, tags[DECLARATION])
+        for path in entries:
+            path.rename(room / "data" / path.name)
+        for name in ("data", MANIFEST, INFO, TAG_MANIFEST, DECLARATION):
+            (room / name).rename(root / name)
+        room.rmdir()
+        sync_directory(root)
+    except BaseException:
+        unpack_unfinished(root)
+        raise
+    try:
         module.Bag(str(root)).validate(completeness_only=True)
-    except (module.BagError, RuntimeError) as error:
-        raise ParameterError(f"the bag could not be made: {error}", path=str(root)) from None
-    size, _, count = bag.info["Payload-Oxum"].partition(".")
-    return {"payload_size": int(size), "payload_count": int(count)}
+    except module.BagError as error:
+        raise ParameterError(f"the bag is not valid: {error}", path=str(root)) from None
+    return {"payload_size": size, "payload_count": len(names)}
+
+
+def sha256(root: Path, name: str) -> str:
+    return hashed(str(root / name), ("sha256",))["sha256"]
+
+
+def write_whole(path: Path, text: str) -> None:
+    with path.open("xb") as stream:
+        stream.write(text.encode())
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def info_of(about: DepositFacts, size: int, count: int) -> Iterator[tuple[str, str]]:
+    """The lines of bag-info.txt. A line that was given replaces ours."""
+    lines = [
+        (TITLE, about.title),
+        ("External-Description", " ".join(about.description.split())),
+        *(("Contact-Name", " ".join(name.split())) for name in about.authors),
+        ("Bagging-Date", date.today().isoformat()),
+        ("Bag-Software-Agent", f"hapfmt {__version__}"),
+    ]
+    given = {name for name, _ in about.info}
+    yield from ((name, text) for name, text in lines if text and name not in given)
+    yield from (line for line in about.info if line[0] != "Payload-Oxum")
+    yield "Payload-Oxum", f"{size}.{count}"
+
+
+def hidden_files(root: Path) -> list[str]:
+    below = (path.relative_to(root) for path in sorted(root.rglob("*")) if path.is_file())
+    return [
+        path.as_posix()
+        for path in below
+        if any(part.startswith(".") for part in path.parts)
+        and path.parts[0] not in (FOLDER, UNFINISHED)
+    ]
 
 
 def crate_of(

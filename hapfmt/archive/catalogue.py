@@ -44,12 +44,19 @@ COLUMNS = {
     "uuid": "String",
     "encoder": "String",
     "file_size": "Int64",
-    "modified": "String",
+    "modified": "Datetime",
+    "signature": "String",
     "checksum": "String",
     "verdict": "String",
     "error": "String",
 }
 """Name and type of each column, in their order."""
+
+
+AGGREGATE = re.compile(
+    r"\b(avg|count|first|last|max|mean|median|min|stddev|std|sum|var|variance|quantile\w*)\s*\(",
+    re.IGNORECASE,
+)
 
 
 def polars() -> Any:
@@ -76,7 +83,7 @@ def table_of(rows: Iterable[Mapping[str, Any]]) -> Any:
     for row in rows:
         for name, values in columns.items():
             value = row.get(name)
-            if name == "recorded" and isinstance(value, str):
+            if COLUMNS[name] == "Datetime" and isinstance(value, str):
                 value = datetime.fromisoformat(value)
             values.append(text(value))
     return pl.DataFrame(columns, schema=types)
@@ -125,14 +132,25 @@ def find(table: Any, where: str | None) -> Any:
     if where is None:
         return table
     pl = polars()
+    outside_of_texts = re.sub("'[^']*'", "''", where)
+    if aggregate := AGGREGATE.search(outside_of_texts):
+        raise ParameterError(
+            f"--where looks at one channel at a time: {aggregate[1]}(...) is of several"
+        )
     try:
         return table.lazy().filter(pl.sql_expr(where)).collect()
     except pl.exceptions.ColumnNotFoundError as error:
         name = re.search(r'"([^"]*)"', str(error))
         if name is None or name[1].startswith("_"):
             raise ParameterError(f"--where is one expression over columns: {where}") from None
-        raise ParameterError(unknown("column", name[1], list(COLUMNS))) from None
+        message = unknown("column", name[1], list(COLUMNS))
+        raise ParameterError(f"{message} (text is in single quotes: '{name[1]}')") from None
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        if re.search("datetime", str(error), re.IGNORECASE) and "'" in where:
+            raise ParameterError(
+                f"--where {where!r}: a day is written as date '2026-01-31', "
+                "and a part of a time as hour(recorded)"
+            ) from None
         raise ParameterError(f"--where {where!r}: {first_line(error)}") from None
 
 
@@ -171,7 +189,7 @@ def catalogued(
     found = {}
     for place, job in enumerate(work):
         rows = known.get(job.options["file"])
-        if rows and job.place.signature and rows[0]["modified"] == job.place.signature:
+        if rows and job.place.signature and rows[0]["signature"] == job.place.signature:
             word = rows[0]["verdict"]
             code = next((code for code, name in VERDICTS.items() if name == word), 1)
             found[place] = FileOutcome(

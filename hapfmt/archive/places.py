@@ -9,8 +9,8 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from glob import glob, has_magic
 from importlib import import_module
 from pathlib import Path, PurePosixPath
@@ -31,7 +31,8 @@ class Place:
     """A file to work on, or the reason why there is none.
 
     ``name`` is relative to its source, with "/" between folders. ``location`` is its path or URL.
-    ``signature`` changes when the file does. ``error`` says why it cannot be worked on.
+    ``signature`` changes when the file does. ``error`` says why it cannot be worked on. ``source``
+    is the folder that the name begins in, as it was given.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Place:
     size: int = 0
     signature: str = ""
     error: str = ""
+    source: str = ""
 
     @property
     def is_url(self) -> bool:
@@ -74,20 +76,41 @@ def local_path(location: str) -> str:
     return location
 
 
-def find_places(sources: Iterable[str], wanted: Wanted) -> list[Place]:
-    """The files of all sources in order of their names; a file that is found twice counts once."""
+def find_places(
+    sources: Iterable[str], wanted: Wanted, left_out: list[Place] | None = None
+) -> list[Place]:
+    """The files of all sources in order of their names; a file that is found twice counts once.
+    ``left_out`` gets those that are not wanted."""
     found: dict[str, Place] = {}
+    left: list[Place] = []
     for source in map(local_path, sources):
-        for place in remote_places(source, wanted) if is_url(source) else local(source, wanted):
+        listed = remote_places if is_url(source) else local
+        for place in listed(source, wanted, left):
             key = place.location if place.is_url else str(Path(place.location).absolute())
             found.setdefault(key, place)
+    if left_out is not None:
+        left_out += left
     return sorted(found.values(), key=lambda place: (place.name, place.location))
+
+
+def with_sources(places: Iterable[Place], sources: Sequence[str]) -> list[Place]:
+    """Names that begin with their source, where there are several sources."""
+    if len(sources) < 2:
+        return list(places)
+    return [
+        replace(one, name=one.shown if one.is_url else str(PurePosixPath(one.source) / one.name))
+        for one in places
+    ]
 
 
 def outside(places: Iterable[Place], sources: Iterable[str], target: Path) -> list[Place]:
     """Without the outputs of earlier runs, where the target folder lies within a source."""
     root = target.resolve()
-    if any(not is_url(each) and Path(each).resolve() == root for each in map(local_path, sources)):
+    folders = [Path(each).resolve() for each in map(local_path, sources) if not is_url(each)]
+    for source in folders:
+        if root in source.parents:
+            raise ParameterError(f"{source} lies in the folder TARGET; give a TARGET outside of it")
+    if root in folders:
         return list(places)  # outputs get their place next to the inputs
     return [each for each in places if each.is_url or root not in Path(each.location).parents]
 
@@ -96,35 +119,44 @@ def suffix_of(name: str) -> str:
     return PurePosixPath(name).suffix.lower()
 
 
-def local(source: str, wanted: Wanted) -> Iterator[Place]:
+def local(source: str, wanted: Wanted, left: list[Place]) -> Iterator[Place]:
     path = Path(source)
     if has_magic(source) and not os.path.lexists(source):
-        yield from matches(source, wanted)
+        yield from matches(source, wanted, left)
     elif is_folder(path):
-        yield from folder_places(path, "", wanted)
+        yield from folder_places(path, "", wanted, left, source)
     else:
-        yield place_of(path, path.name)
+        yield replace(place_of(path, path.name), source=str(path.parent))
 
 
-def matches(pattern: str, wanted: Wanted) -> Iterator[Place]:
+def pattern_matches(pattern: str) -> list[str]:
+    return sorted(glob(pattern, recursive=True))  # noqa: PTH207 (its patterns may begin anywhere)
+
+
+def matches(pattern: str, wanted: Wanted, left: list[Place]) -> Iterator[Place]:
     """Files that a pattern fits. Their names begin after its first folder without wildcards."""
     parts = Path(pattern).parts
     fixed = next(i for i, part in enumerate(parts) if has_magic(part))
     root = Path(*parts[:fixed])
     chosen = bool(suffix_of(pattern)) and not has_magic(suffix_of(pattern))
-    found = sorted(glob(pattern, recursive=True))  # noqa: PTH207 (its patterns may begin anywhere)
+    found = pattern_matches(pattern)
     if not found:
         yield Place(pattern, pattern, error="no file fits this pattern")
     for name in found:
         path = Path(name)
         below = path.relative_to(root).as_posix()
         if is_folder(path):
-            yield from () if path.is_symlink() else folder_places(path, f"{below}/", wanted)
+            if not path.is_symlink():
+                yield from folder_places(path, f"{below}/", wanted, left, str(root))
         elif chosen or (wanted(suffix_of(name)) and path.name != CATALOGUE):
-            yield place_of(path, below)
+            yield replace(place_of(path, below), source=str(root))
+        elif path.name != CATALOGUE:
+            left.append(Place(below, str(path)))
 
 
-def folder_places(folder: Path, prefix: str, wanted: Wanted) -> Iterator[Place]:
+def folder_places(
+    folder: Path, prefix: str, wanted: Wanted, left: list[Place], source: str
+) -> Iterator[Place]:
     """What lies in a folder and below it, without recursion: folders may be deep."""
     waiting = [(folder, prefix)]
     markers = [one.folder for one in formats().values() if one.reads and one.folder]
@@ -134,7 +166,8 @@ def folder_places(folder: Path, prefix: str, wanted: Wanted) -> Iterator[Place]:
             with os.scandir(here) as listed:
                 entries = sorted(listed, key=lambda entry: entry.name)
         except OSError as error:
-            yield Place(before.rstrip("/") or str(here), str(here), error=reason(error))
+            name = before.rstrip("/")
+            yield Place(name or str(here), str(here), error=reason(error), source=name and source)
             continue
         for entry in entries:
             name = before + entry.name
@@ -144,11 +177,15 @@ def folder_places(folder: Path, prefix: str, wanted: Wanted) -> Iterator[Place]:
                 inner = Path(entry.path)
                 # Some formats are folders: ROS 2 bags and sets of LeRobot.
                 if wanted(".npz") and any(is_there(inner / marker) for marker in markers):
-                    yield folder_place(inner, name)
+                    yield replace(folder_place(inner, name), source=source)
                 else:
                     waiting.append((inner, f"{name}/"))
-            elif wanted(suffix_of(entry.name)) and not is_folder(entry):
-                yield place_of(Path(entry.path), name)
+            elif is_folder(entry):
+                continue
+            elif wanted(suffix_of(entry.name)):
+                yield replace(place_of(Path(entry.path), name), source=source)
+            else:
+                left.append(Place(name, entry.path))
 
 
 def is_folder(entry: os.DirEntry[str] | Path) -> bool:
@@ -204,7 +241,7 @@ def file_system(url: str) -> tuple[Any, str]:
     return files, path
 
 
-def remote_places(url: str, wanted: Wanted) -> Iterator[Place]:
+def remote_places(url: str, wanted: Wanted, left: list[Place]) -> Iterator[Place]:
     try:
         with network(shown(url)):
             listed = remote_list(url)
@@ -214,9 +251,12 @@ def remote_places(url: str, wanted: Wanted) -> Iterator[Place]:
         return
     chosen = len(listed) == 1 and listed[0][0] == PurePosixPath(urlsplit(url).path).name
     for name, location, info in listed:
-        if chosen or (wanted(suffix_of(name)) and PurePosixPath(name).name != CATALOGUE):
+        is_catalogue = PurePosixPath(name).name == CATALOGUE
+        if chosen or (wanted(suffix_of(name)) and not is_catalogue):
             size = int(info.get("size") or 0)
             yield Place(name, location, size, f"{size} {stamp_of(info)}")
+        elif not is_catalogue:
+            left.append(Place(name, location))
 
 
 def remote_list(url: str) -> list[tuple[str, str, dict[str, Any]]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -11,6 +12,7 @@ from uuid import UUID
 
 import numpy as np
 
+from ..encoder.settings import QUANTITY_OF_UNIT
 from ..errors import HapfmtError
 from ..lab.parts import FileParts
 from ..reading.catalogue import ChannelRef
@@ -76,12 +78,25 @@ def describe(job: Job, outcome: FileOutcome) -> None:
     about = {
         "file": job.options["file"],
         "file_size": job.place.size,
-        "modified": job.place.signature,
+        "modified": modified_of(job),
+        "signature": job.place.signature,
         "checksum": hashed(file, ("sha256",))["sha256"],
         "verdict": report.verdict,
         "error": outcome.message or None,
     }
     outcome.rows = rows_of(file, job, report, about) or [{**about, "channel": None}]
+
+
+def modified_of(job: Job) -> str | None:
+    """Time of the last change of a local file."""
+    if job.place.is_url:
+        return None
+    nanoseconds = int(job.place.signature.rpartition(" ")[2])
+    return moment(nanoseconds).isoformat()
+
+
+def moment(epoch_ns: int) -> datetime:
+    return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=epoch_ns // 1000)
 
 
 def rows_of(file: Any, job: Job, report: Report, about: dict[str, Any]) -> list[dict[str, Any]]:
@@ -106,27 +121,28 @@ def about_file(reader: Reader) -> dict[str, Any]:
     if head is not None:
         found["uuid"] = str(UUID(bytes=head.uuid)) if head.uuid else None
         if head.epoch_ns is not None:
-            try:
-                moment = timedelta(microseconds=head.epoch_ns // 1000)
-                found["recorded"] = (datetime(1970, 1, 1, tzinfo=UTC) + moment).isoformat()
-            except OverflowError:
-                pass
+            with suppress(OverflowError):
+                found["recorded"] = moment(head.epoch_ns).isoformat()
     encoder = reader.metadata.get("encoder")
     found["encoder"] = encoder.get("preset") if isinstance(encoder, Mapping) else None
     return found
 
 
 def about_channel(ref: ChannelRef) -> dict[str, Any]:
+    """What the file says of a channel. Empty texts are left out, so they are null in the table."""
     part = ref.track.components[ref.index]
-    return {
-        "channel": ref.number,
+    texts = {
         "label": part.label,
         "unit": part.unit,
-        "quantity": part.quantity,
+        "quantity": part.quantity or QUANTITY_OF_UNIT.get(part.unit, ""),
         "axis": part.axis,
         "group": part.group,
         "device": part.device,
         "body_site": part.body_site,
+    }
+    return {
+        "channel": ref.number,
+        **{name: text for name, text in texts.items() if text},
         "rate": float(ref.track.rate),
         "rate_exact": str(ref.track.rate),
     }

@@ -1,7 +1,8 @@
 """Many jobs: in this process or on Dask, with a log that survives a crash.
 
-The log is JSON, one object a line. A job that is begun or done has a line; so the next run knows
-what it can skip. A line that a crash cut off is ignored.
+The log is JSON, one object a line. The first line says that it is a log, and of which work. A job
+that is begun or done has a line; so the next run knows what it can skip. Names are relative to the
+folder of the log, so both may move together. A line that a crash cut off is ignored.
 """
 
 from __future__ import annotations
@@ -9,11 +10,13 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path, PurePosixPath
@@ -29,8 +32,15 @@ from .work import run_job
 FOLDER = ".hapfmt-archive"
 """In the target folder: the log, and outputs that are not complete."""
 LOG, STAGING = "log.jsonl", "unfinished"
-WORST = (ERROR, 2, 3, 4, INTACT)
-"""Exit codes from the worst to the best."""
+WRITTEN, VERIFIED, CATALOGUED = "outputs", "verify", "catalogue"
+"""Kinds of logs."""
+MARK = b'{"log": "hapfmt archive", "of": "'
+"""Every log begins with it."""
+WORST = (ERROR, 3, 2, 4, INTACT)
+"""Exit codes from the worst to the best: lost data are worse than a broken rule."""
+ANSWER_SECONDS, WORKER_SECONDS = 10, 60
+"""How long a Dask scheduler may take to answer, and to get its first worker."""
+ADDRESS = re.compile(r"((tcp|tls|ucx|wss?)://)?(\[[0-9a-fA-F:.]+\]|[^/:\s]+):\d{1,5}/?")
 AHEAD = 4
 """Tasks for each worker that the scheduler has at a time."""
 BATCH, BATCH_SIZE = 16, 4 << 20
@@ -41,7 +51,9 @@ ALLOCATOR = {
 }
 """Memory that processes of Dask keep. By default they give back each array above 128 kB, and spend
 a sixth of their time on getting it again."""
+VARYING = re.compile(r"'[^']*'|\"[^\"]*\"|[-+]?\d[\d.,]*(e[-+]?\d+)?")
 Advance = Callable[[int, int], None]
+Tell = Callable[[str], None]
 
 
 @dataclass
@@ -53,7 +65,7 @@ class RunSummary:
 
     @property
     def exit_code(self) -> int:
-        """The worst of all files: 1, then 2, 3 and 4."""
+        """The worst of all files: 1, then 3, 2 and 4."""
         codes = {each.exit_code for each in self.outcomes}
         return next(code for code in WORST if code in codes or code == INTACT)
 
@@ -67,6 +79,14 @@ class RunSummary:
             found.setdefault(each.result, []).append(each)
         return found
 
+    def notes(self) -> list[list[tuple[str, str]]]:
+        """Name of the file and note, by kinds of notes: they differ in numbers and names only."""
+        found: dict[str, dict[str, str]] = {}
+        for each in self.outcomes:
+            for text in each.notes:
+                found.setdefault(VARYING.sub("#", text), {}).setdefault(each.name, text)
+        return [list(one.items()) for one in found.values()]
+
     def as_json(self) -> dict[str, Any]:
         return {
             "files": [each.as_json() for each in self.outcomes],
@@ -79,24 +99,53 @@ class RunSummary:
 
 
 class Log(Closing):
-    """Reads what earlier runs did, and appends what this one does. One run at a time holds it."""
+    """Reads what earlier runs did, and appends what this one does. One run at a time holds it.
+    Raises ParameterError where the file is there and no log of this kind."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, kind: str = WRITTEN) -> None:
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
+        self.folder = path.parent.resolve()
+        if path.exists() and not path.is_file():
+            raise no_log(path)
         self.stream: BinaryIO = path.open("ab+")
         if lock(self.stream.fileno()) is False:
             self.stream.close()
             raise ParameterError(f"another run uses the log {path}", path="")
         self.begun: dict[str, str] = {}
         self.done: dict[str, tuple[str, dict[str, Any]]] = {}
+        self.sources: dict[str, str] = {}
         self.stream.seek(0)
+        head = MARK + kind.encode() + b'"}\n'
+        found = self.stream.read(len(head))
+        if not head.startswith(found):
+            self.stream.close()
+            if found.startswith(MARK):
+                raise ParameterError(
+                    f"{path} is the log of another command; --log names a file of its own", path=""
+                )
+            raise no_log(path)
+        if found != head:  # a new file, or one that a crash cut off
+            self.stream.truncate(0)
+            self.stream.write(head)
         whole = True
         for line in self.stream:
             whole = line.endswith(b"\n")
             self.learn(line)
         if not whole:
             self.stream.write(b"\n")
+
+    def name(self, location: str) -> str:
+        """A path relative to the log; a URL as it is."""
+        if is_url(location):
+            return location
+        try:
+            return Path(os.path.relpath(location, self.folder)).as_posix()
+        except ValueError:  # another drive of Windows
+            return str(Path(location).absolute())
+
+    def key(self, job: Job) -> str:
+        return self.name(job.target or job.place.location)
 
     def learn(self, line: bytes) -> None:
         try:
@@ -109,11 +158,13 @@ class Log(Closing):
         if not (isinstance(key, str) and isinstance(stamp, str)):
             return
         self.begun[key] = stamp
+        self.sources[key] = str(entry.get("source"))
         if isinstance(entry.get("done"), dict):
             self.done[key] = stamp, entry["done"]
 
-    def write(self, key: str, stamp: str, done: Mapping[str, Any] | None = None) -> None:
-        entry: dict[str, Any] = {"file": key, "stamp": stamp}
+    def write(self, job: Job, done: Mapping[str, Any] | None = None) -> None:
+        entry: dict[str, Any] = {"file": self.key(job), "stamp": stamp_of(job)}
+        entry["source"] = self.name(job.place.location)
         if done is not None:
             entry["done"] = done
         line = json.dumps(entry).encode() + b"\n"
@@ -133,15 +184,16 @@ class Log(Closing):
             self.path.parent.rmdir() if self.path.parent.name == FOLDER else None
 
 
+def no_log(path: Path) -> ParameterError:
+    return ParameterError(
+        f"{path} is not a log of hapfmt; --log names a file that remembers what is done", path=""
+    )
+
+
 def stamp_of(job: Job) -> str:
     """Changes when the file, or what is done to it, changes."""
-    options = repr([job.verb, job.target, sorted(job.options.items()), job.limits])
+    options = repr([job.verb, sorted(job.options.items()), job.limits])
     return f"{job.place.signature} {hashlib.sha256(options.encode()).hexdigest()[:16]}"
-
-
-def key_of(job: Job) -> str:
-    place = job.place
-    return place.location if place.is_url else str(Path(place.location).absolute())
 
 
 def run(
@@ -152,20 +204,24 @@ def run(
     log: Log | None = None,
     skip: Callable[[Job, dict[str, Any]], FileOutcome | None] | None = None,
     progress: Advance | None = None,
+    tell: Tell | None = None,
 ) -> list[FileOutcome]:
     """The outcomes of all jobs, in their order.
 
     ``workers``: processes of a local Dask cluster. ``address``: a running scheduler. Neither: this
     process. ``skip`` says what a job that the log knows as done becomes; None: it is done again.
+    ``tell`` gets what a person has to know meanwhile.
     """
     found: list[FileOutcome | None] = [None] * len(jobs)
     waiting: list[int] = []
     for place, job in enumerate(jobs):
-        known = log.done.get(key_of(job)) if log else None
+        known = log.done.get(log.key(job)) if log else None
         if known and known[0] == stamp_of(job) and skip and (old := skip(job, known[1])):
             found[place] = old
         elif log and finished_before(log, job):
             found[place] = FileOutcome(job.place.name, "skipped", INTACT, target=job.target)
+        elif log and (text := changed_since(log, job)):
+            found[place] = FileOutcome(job.place.name, "failed", ERROR, text, target=job.target)
         else:
             waiting.append(place)
     count = len(jobs) - len(waiting)
@@ -173,23 +229,23 @@ def run(
     def begin(place: int) -> Job:
         job = jobs[place]
         if log and job.target and not job.place.error and (job.force or not target_exists(job)):
-            log.write(key_of(job), stamp_of(job))
+            log.write(job)
         return job
 
     def end(place: int, outcome: FileOutcome) -> None:
         nonlocal count
         found[place] = outcome
         count += 1
-        if log and outcome.exit_code != ERROR and not jobs[place].place.error:
-            log.write(
-                key_of(jobs[place]), stamp_of(jobs[place]),
-                {**outcome.as_json(), "rows": outcome.rows, **mark_of(jobs[place])},
-            )  # fmt: skip
+        job = jobs[place]
+        if log and outcome.exit_code != ERROR and not job.place.error:
+            target = log.key(job) if outcome.target else None
+            more = {"target": target, "rows": outcome.rows, **mark_of(job)}
+            log.write(job, {**outcome.as_json(), **more})
         if progress:
             progress(count, len(jobs))
 
     if workers or address:
-        with cluster(workers, address) as client:
+        with cluster(workers, address, tell) as client:
             distributed(client, waiting, begin, end)
     else:
         for place in waiting:
@@ -203,10 +259,25 @@ def finished_before(log: Log, job: Job) -> bool:
     if not job.target or job.force or job.place.error:
         return False
     return (
-        key_of(job) not in log.done
-        and log.begun.get(key_of(job)) == stamp_of(job)
+        log.key(job) not in log.done
+        and log.begun.get(log.key(job)) == stamp_of(job)
         and target_exists(job)
     )
+
+
+def changed_since(log: Log, job: Job) -> str:
+    """What makes an output that an earlier run wrote out of date; empty where nothing does."""
+    key, stamp = log.key(job), stamp_of(job)
+    before = log.begun.get(key, stamp)
+    if (
+        before == stamp or not job.target or job.force or job.place.error
+        or log.sources.get(key) != log.name(job.place.location) or not target_exists(job)
+    ):  # fmt: skip
+        return ""
+    same = before.rpartition(" ")[0] == job.place.signature
+    what = "the options have" if same else "the recording has"
+    target = shown(job.target) if is_url(job.target) else job.target
+    return f"{what} changed since {target} was written; use force=True to overwrite it"
 
 
 def target_exists(job: Job) -> bool:
@@ -239,8 +310,15 @@ def skip_written(job: Job, done: Mapping[str, Any]) -> FileOutcome | None:
     return FileOutcome(job.place.name, "skipped", code, message, target=job.target)
 
 
+def check_address(address: str) -> None:
+    if not ADDRESS.fullmatch(address):
+        raise ParameterError(
+            f"{address!r} is not the address of a Dask scheduler, such as tcp://10.0.0.1:8786"
+        )
+
+
 @contextmanager
-def cluster(workers: int | None, address: str | None) -> Iterator[Any]:
+def cluster(workers: int | None, address: str | None, tell: Tell | None = None) -> Iterator[Any]:
     """A client of Dask."""
     try:
         dask = import_module("dask")
@@ -253,26 +331,60 @@ def cluster(workers: int | None, address: str | None) -> Iterator[Any]:
         "distributed.admin.tick.limit": "1h",
         **ALLOCATOR,
     }
-    with dask.config.set(quiet):
-        if address:
-            try:
-                client = distributed.Client(address, timeout=30, set_as_default=False)
-            except (OSError, ValueError) as error:
-                raise ParameterError(f"no Dask scheduler answers at {address}") from error
-            with client:
-                yield client
-            return
-        # Workers inherit the ignored signal: an interruption then ends them in order.
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-        try:
-            local = distributed.LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0",
-                silence_logs=50,
-            )  # fmt: skip
-        finally:
-            signal.signal(signal.SIGINT, before)
-        with local, distributed.Client(local, set_as_default=False) as client:
+    with dask.config.set(quiet), ExitStack() as stack:
+        if address is None:
+            with held_back(signal.SIGINT):
+                local = stack.enter_context(
+                    distributed.LocalCluster(
+                        n_workers=workers, threads_per_worker=1, processes=True,
+                        dashboard_address=":0", silence_logs=50,
+                    )
+                )  # fmt: skip
+            client = stack.enter_context(distributed.Client(local, set_as_default=False))
             yield client
+            return
+        check_address(address)
+        try:
+            client = distributed.Client(address, timeout=ANSWER_SECONDS, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise ParameterError(f"no Dask scheduler answers at {address}") from error
+        stack.enter_context(client)
+        try:
+            await_worker(client, address, tell)
+            yield client
+        except (CancelledError, OSError) as error:
+            # Errors of files are outcomes, so this one is of the connection.
+            raise ParameterError(
+                f"the connection to the Dask scheduler at {address} has ended. What the log "
+                "holds is done: the same command goes on"
+            ) from error
+
+
+def await_worker(client: Any, address: str, tell: Tell | None) -> None:
+    if client.ncores():
+        return
+    if tell:
+        tell(f"waiting for workers of {address}")
+    try:
+        client.wait_for_workers(1, timeout=WORKER_SECONDS)
+    except TimeoutError:
+        raise ParameterError(
+            f"the Dask scheduler at {address} has no workers; start one with: dask worker {address}"
+        ) from None
+
+
+@contextmanager
+def held_back(number: signal.Signals) -> Iterator[None]:
+    """Processes that start meanwhile never get the signal: an interruption then ends them in
+    order. This process gets it at the end."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {number})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def distributed(

@@ -63,9 +63,8 @@ def our_warning(category: type[Warning]) -> bool:
 
 def verify(job: Job, outcome: FileOutcome) -> None:
     """Integrity of the file itself, and of its checksums in a bag's manifests."""
-    from ..convert.formats import HAPF
     from ..reading.verifier import verify as verify_file
-    from .places import suffix_of
+    from .places import is_hapf, suffix_of
 
     file = content(job.place)
     expected: Mapping[str, str] = job.options.get("expected", {})
@@ -73,7 +72,7 @@ def verify(job: Job, outcome: FileOutcome) -> None:
     wrong = [name for name, value in expected.items() if found[name] != value.lower()]
     outcome.result, outcome.exit_code = "intact", INTACT
     parts = []
-    if suffix_of(job.place.name) == HAPF or not expected:
+    if is_hapf(suffix_of(job.place.name)) or not expected:
         report = verify_file(file, limits=job.limits, threads=job.options.get("threads"))
         outcome.result, outcome.exit_code = report.verdict, report.exit_code
         if report.exit_code:
@@ -130,19 +129,24 @@ def recover(job: Job, outcome: FileOutcome) -> None:
         done = recover_file(file, staged, limits=job.limits)
         outcome.written_size = staged.stat().st_size
     outcome.result, outcome.exit_code = "recovered", done.exit_code
-    outcome.message = "; ".join(done.summary[:3]) if done.exit_code else ""
+    parts = done.summary[:3] if done.exit_code else []
+    if not done.packets:
+        parts = ["nothing was recovered: the file has no intact packet", *parts]
+    outcome.message = "; ".join(parts)
 
 
 def convert(job: Job, outcome: FileOutcome) -> None:
     from ..convert import read, save
     from ..convert.formats import named
     from ..writing.writer import write
+    from .places import is_hapf, suffix_of
 
     reading = dict(job.options["reading"])
     recording = read(
         job.place.location, format=job.options.get("format"), limits=job.limits, **reading
     )
-    outcome.notes += notes_of(recording)
+    if not is_hapf(suffix_of(job.place.name)):  # else they are those of an earlier conversion
+        outcome.notes += notes_of(recording)
     with published(job, job.options["suffix"]) as staged:
         if job.options["suffix"] == ".hapf":
             write(recording, staged, threads=job.options.get("threads"))

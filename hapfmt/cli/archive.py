@@ -29,7 +29,7 @@ from .common import (
     suffix_of,
 )
 from .encode import preset_options
-from .screen import JOINED, Column, Verb, in_options, note, say, table, width_of
+from .screen import JOINED, Column, Verb, in_options, note, raw, say, table, width_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -65,8 +65,9 @@ log_option = click.option(
 def archive() -> None:
     """Work on many files: folders, patterns such as 'data/**/*.csv', and URLs.
 
-    One bad file never stops the others. The exit code is the worst of all files: 1, then 2, 3
-    and 4. An interrupted command goes on where it stopped when it is given again.
+    One bad file never stops the others. The exit code is the worst of all files: 1, then 3
+    (data are lost), then 2 and 4. An interrupted command goes on where it stopped when it is
+    given again.
 
     \b
     hapfmt archive encode recordings/ archive/ --jobs 4
@@ -88,8 +89,12 @@ class RunChoices:
     as_json: bool
 
     def __post_init__(self) -> None:
-        if self.jobs and self.dask:
+        if self.jobs and self.dask is not None:
             raise ParameterError("Give --jobs or --dask, not both")
+        if self.dask is not None:
+            from ..archive.runs import check_address
+
+            check_address(self.dask)
 
 
 def run_options(command: Any) -> Any:
@@ -152,13 +157,14 @@ def encode_all(
         "format": input_format,
         "reading": asked_of(reading),
     }
+    left_out: list[Place] = []
     with progress("looking for files"):
-        places = find_places(sources, (lambda _: True) if input_format else is_foreign)
+        places = find_places(sources, (lambda _: True) if input_format else is_foreign, left_out)
     return write_all(
         lambda place, output, staging: Job(
             "encode", place, output, staging, options, how.limits, force
         ),
-        places, sources, target, HAPF, "encoding", how,
+        places, left_out, sources, target, HAPF, "encoding", how,
     )  # fmt: skip
 
 
@@ -211,16 +217,18 @@ def convert_all(
         "format": input_format,
         "reading": asked_of(given),
     }
+    left_out: list[Place] = []
     with progress("looking for files"):
         places = find_places(
             sources,
             lambda found: bool(input_format) or (is_any(found) and (not suffix or found != suffix)),
+            left_out,
         )
     return write_all(
         lambda place, output, staging: Job(
             "convert", place, output, staging, options, how.limits, force
         ),
-        places, sources, target, suffix, "converting", how,
+        places, left_out, sources, target, suffix, "converting", how,
     )  # fmt: skip
 
 
@@ -251,13 +259,14 @@ def recover_all(
         lambda place, output, staging: Job(
             "recover", place, output, staging, {}, how.limits, force
         ),
-        places, sources, target, HAPF, "recovering", how,
+        places, [], sources, target, HAPF, "recovering", how,
     )  # fmt: skip
 
 
 def write_all(
     job_of: Any,
     places: Sequence[Place],
+    left_out: Sequence[Place],
     sources: Sequence[str],
     target: str,
     suffix: str,
@@ -267,11 +276,13 @@ def write_all(
     """Runs the jobs that write a file each."""
     from dataclasses import replace
 
-    from ..archive.places import local_path, outside
+    from ..archive.bags import refuse_bag
+    from ..archive.places import local_path, outside, with_sources
     from ..archive.runs import (
         FOLDER,
         LOG,
         STAGING,
+        WRITTEN,
         emptied,
         run,
         skip_written,
@@ -291,37 +302,79 @@ def write_all(
     else:
         if Path(target).exists() and not Path(target).is_dir():
             raise ParameterError(f"{target} is a file; TARGET is a folder")
+        refuse_bag(target)
+        places = outside(places, sources, Path(target))
+        left_out = outside(left_out, sources, Path(target))
         Path(target).mkdir(parents=True, exist_ok=True)
         target = str(Path(target).resolve())
-        places = outside(places, sources, Path(target))
         staging, own = str(Path(target) / FOLDER / STAGING), Path(target) / FOLDER / LOG
     places = nothing_found(places)
-    targets, shared = targets_of(places, target, suffix)
+    targets, _ = targets_of(places, target, suffix)
+    named = with_sources(places, sources)
+    shared: dict[str, list[Place]] = {}
+    for place, output in zip(named, targets, strict=True):
+        shared.setdefault(output, []).append(place)
     work = []
-    for place, output in zip(places, targets, strict=True):
-        others = ", ".join(other.name for other in shared.get(output, []) if other != place)
+    for place, output in zip(named, targets, strict=True):
+        others = ", ".join(other.name for other in shared[output] if other != place)
         text = f"{others} would have the same target: {output}" if others else place.error
         work.append(job_of(replace(place, error=text), output, staging))
+    tell_left_out([each for each in left_out if each.location not in targets])
     began = time.perf_counter()
     with (
-        opened_log(Path(how.log) if how.log else own) as found,
+        opened_log(Path(how.log) if how.log else own, WRITTEN) as found,
         emptied(Path(staging) if staging else None),
         progress(title) as advance,
+        counting(advance, "the same command goes on") as count,
     ):
         outcomes = run(
-            work, workers=how.jobs, address=how.dask, log=found, skip=skip_written, progress=advance
-        )
+            work, workers=how.jobs, address=how.dask, log=found, skip=skip_written,
+            progress=count, tell=note,
+        )  # fmt: skip
     return report(outcomes, time.perf_counter() - began, how.as_json)
 
 
+def tell_left_out(places: Sequence[Place]) -> None:
+    """Files that the command does not work on: .hapf files, and all others."""
+    from ..archive.places import is_hapf
+    from ..archive.places import suffix_of as suffix_of_name
+
+    encoded = [each.name for each in places if is_hapf(suffix_of_name(each.name))]
+    others = [each.name for each in places if each.name not in encoded]
+    if encoded:
+        note(
+            f"left out: {counted(len(encoded), '.hapf file')}, such as {encoded[0]}. To convert "
+            "them, use hapfmt archive convert"
+        )
+    if others:
+        note(f"left out: {counted(len(others), 'file')} of other formats, such as {others[0]}")
+
+
 @contextmanager
-def opened_log(path: Path | None) -> Iterator[Log | None]:
+def counting(advance: Any, further: str) -> Iterator[Any]:
+    """Passes progress on. An interruption is an error that says how far the work is."""
+    state = [0, 0]
+
+    def count(done: int, total: int) -> None:
+        state[:] = done, total
+        advance(done, total)
+
+    try:
+        yield count
+    except KeyboardInterrupt:
+        done, total = state
+        how_far = f": {done} of {counted(total, 'file')} done" if total else ""
+        raise ParameterError(f"interrupted{how_far}; {further}") from None
+
+
+@contextmanager
+def opened_log(path: Path | None, kind: str) -> Iterator[Log | None]:
     from ..archive.runs import Log
 
     if path is None:
         yield None
         return
-    with Log(path) as log:
+    with Log(path, kind) as log:
         yield log
 
 
@@ -372,6 +425,23 @@ def show(summary: RunSummary, *, quiet: bool) -> None:
     table(["result", "files", "read", "written"], rows)
     if summary.seconds >= 1:
         say(f"{counted(len(summary.outcomes), 'file')} in {summary.seconds:.1f}{JOINED}s")
+    show_notes(summary)
+
+
+def show_notes(summary: RunSummary) -> None:
+    """One line for each kind of note, with one example."""
+    kinds = sorted(summary.notes(), key=len, reverse=True)
+    for found in kinds[:MOST_NOTES]:
+        name, text = found[0]
+        many = f"{counted(len(found), 'file')}, such as {name}" if len(found) > 1 else name
+        note(f"{many}: {text}")
+    if len(kinds) > MOST_NOTES:
+        note(f"{counted(len(kinds) - MOST_NOTES, 'more kind')} of notes")
+    if kinds:
+        note("--json lists the notes by file")
+
+
+MOST_NOTES = 10
 
 
 def megabytes(size: int) -> str:
@@ -398,35 +468,52 @@ def verify_all(
     hapfmt archive verify archive/
     hapfmt archive verify archive/ --jobs 4 --json > report.json
     """
-    from ..archive.bags import bag_work, is_bag
-    from ..archive.jobs import Job
-    from ..archive.places import find_places, is_hapf, local_path
-    from ..archive.runs import run
+    from ..archive.bags import bag_around, bag_work, bags_of, not_bagged
+    from ..archive.jobs import FileOutcome, Job
+    from ..archive.places import find_places, is_hapf, local_path, with_sources
+    from ..archive.runs import VERIFIED, run
+    from ..format.source import is_url
 
+    sources = tuple(map(local_path, sources))
     work: list[Job] = []
     outcomes: list[FileOutcome] = []
-    plain = []
-    for source in map(local_path, sources):
-        if is_bag(source):
-            found, problems = bag_work(source, how.limits)
-            work += found
-            outcomes += problems
-        else:
-            plain.append(source)
     with progress("looking for files"):
-        places = find_places(plain, is_hapf)
-    if not work and not outcomes:
-        nothing_found(places)
-    work += [Job("verify", place, limits=how.limits) for place in places]
+        for source in sources:
+            bags = bags_of(source)
+            for bag in bags:
+                prefix = "" if len(sources) == 1 and bag == source else f"{bag}/"
+                found, problems = bag_work(bag, how.limits, prefix)
+                work += found
+                outcomes += problems
+            places = not_bagged(find_places([source], is_hapf), bags)
+            if not places and not bags:
+                outcomes.append(
+                    FileOutcome(source, "failed", 1, "no .hapf file and no bag was found here")
+                )
+            if not is_url(source) and (bag_of := bag_around(Path(source))):
+                note(
+                    f"{source} lies within a bag; to check the bag, run: "
+                    f"hapfmt archive verify {bag_of}"
+                )
+            work += [
+                Job("verify", place, limits=how.limits) for place in with_sources(places, sources)
+            ]
+    work = list({job.place.location: job for job in reversed(work)}.values())[::-1]
     began = time.perf_counter()
-    with opened_log(Path(how.log) if how.log else None) as known, progress("verifying") as advance:
+    further = "the same command goes on" if how.log else "with --log FILE a check can go on"
+    with (
+        opened_log(Path(how.log) if how.log else None, VERIFIED) as known,
+        progress("verifying") as advance,
+        counting(advance, further) as count,
+    ):
         outcomes += run(
             work,
             workers=how.jobs,
             address=how.dask,
             log=known,
             skip=checked_before,
-            progress=advance,
+            progress=count,
+            tell=note,
         )
         if known:
             known.remove()  # a complete check is not continued by the next one
@@ -464,11 +551,8 @@ def catalogue_all(
     hapfmt archive catalogue archive/
     hapfmt archive catalogue s3://bucket/archive -o archive.parquet --jobs 4
     """
-    from ..archive.catalogue import (
-        NAME,
-        polars,
-        to_parquet,
-    )
+    from ..archive.bags import refuse_bag
+    from ..archive.catalogue import NAME, known_rows, polars, to_parquet
     from ..archive.places import local_path
 
     polars()
@@ -476,22 +560,25 @@ def catalogue_all(
     if output is None:
         if len(sources) != 1 or not folders:
             raise ParameterError("Give -o OUT.parquet, or one folder as SOURCE")
-        from ..archive.bags import is_bag
-
-        if is_bag(folders[0]):
-            raise ParameterError("a new file would make the bag invalid: give -o OUT.parquet")
         output = str(Path(folders[0]) / NAME)
     if suffix_of(output, None) != ".parquet":
         raise ParameterError(f"a catalogue is a .parquet file, not {output}")
     out = Path(local_path(output))
     if not out.parent.is_dir():
         raise ParameterError(f"{out}: the directory {out.parent} does not exist", path="")
+    refuse_bag(str(out.parent))
     began = time.perf_counter()
-    outcomes = catalogued_outcomes(sources, out, how, force=force)
+    known = known_rows(out)
+    outcomes = catalogued_outcomes(sources, out, how, {} if force else known)
     rows = sum(len(each.rows) for each in outcomes)
-    if not rows:
+    if not rows and outcomes:
         note(f"nothing was read, so {out} is not written")
         return report(outcomes, time.perf_counter() - began, how.as_json)
+    gone = sorted({*known} - {row["file"] for each in outcomes for row in each.rows})
+    if gone:
+        removed = counted(sum(len(known[name]) for name in gone), "row")
+        files = counted(len(gone), "file")
+        note(f"{removed} of {files} removed from {out}: not found any more, such as {gone[0]}")
     data = to_parquet(row for each in outcomes for row in each.rows)
     with atomic_write(out, force=True) as stream:
         stream.write(data)
@@ -505,26 +592,28 @@ def catalogued_outcomes(
     sources: Sequence[str],
     out: Path,
     how: RunChoices,
-    *,
-    force: bool,
+    known: dict[str, list[dict[str, Any]]],
 ) -> list[FileOutcome]:
-    """The rows of all files; those of unchanged files come from an earlier catalogue ``out``."""
-    from ..archive.catalogue import catalogue_jobs, catalogued, known_rows
-    from ..archive.places import find_places, is_hapf
-    from ..archive.runs import FOLDER, run
+    """The rows of all files; ``known``: those of an earlier catalogue, for unchanged files."""
+    from ..archive.catalogue import catalogue_jobs, catalogued
+    from ..archive.places import find_places, is_hapf, with_sources
+    from ..archive.runs import CATALOGUED, FOLDER, run
 
-    known = {} if force else known_rows(out)
     with progress("looking for files"):
-        places = nothing_found(find_places(sources, is_hapf))
+        places = with_sources(nothing_found(find_places(sources, is_hapf)), sources)
     work = catalogue_jobs(places, out, how.limits)
     old = catalogued(work, known)
     fresh = [job for place, job in enumerate(work) if place not in old]
     path = Path(how.log) if how.log else out.parent / FOLDER / f"{out.name}.jsonl"
-    with opened_log(path) as unfinished, progress("reading") as advance:
+    with (
+        opened_log(path, CATALOGUED) as unfinished,
+        progress("reading") as advance,
+        counting(advance, "the same command goes on") as count,
+    ):
         found = iter(
             run(
                 fresh, workers=how.jobs, address=how.dask, log=unfinished, skip=checked_before,
-                progress=advance,
+                progress=count, tell=note,
             )
         )  # fmt: skip
         outcomes = [old[place] if place in old else next(found) for place in range(len(work))]
@@ -546,7 +635,12 @@ def catalogued_outcomes(
     help="A line of bag-info.txt, such as Source-Organization=Lab. May be repeated.",
 )
 @run_options
-@click.option("-f", "--force", is_flag=True, help="Also bag files that are not intact.")
+@click.option(
+    "-f",
+    "--force",
+    is_flag=True,
+    help="Also bag files that are not intact, or a folder without .hapf files.",
+)
 def bag_folder(
     folder: str,
     title: str,
@@ -569,23 +663,25 @@ def bag_folder(
     from ..archive.bags import (
         CRATE,
         DepositFacts,
+        bag_around,
         bagit,
         crate_of,
+        hidden_files,
         is_bag,
         is_ours,
         unbaggable,
         unpack_unfinished,
         write_bag,
     )
-    from ..archive.catalogue import NAME, polars, to_parquet
+    from ..archive.catalogue import NAME, known_rows, polars, to_parquet
     from ..archive.places import local_path
-    from ..archive.runs import FOLDER, emptied
+    from ..archive.runs import FOLDER, LOG, emptied
 
     pairs = []
     for each in info:
         name, equals, value = each.partition("=")
         if not equals:
-            raise ParameterError(f"Expected KEY=VALUE, got {each!r}")
+            raise ParameterError(f"Expected --info KEY=VALUE, got {each!r}")
         pairs.append((name, value))
     about = DepositFacts(title, description, license_, authors, tuple(pairs))
     polars()
@@ -593,23 +689,30 @@ def bag_folder(
     root = Path(local_path(folder))
     if not root.is_dir():
         raise ParameterError(f"{folder} is not a folder; a bag is made of a local folder")
+    root = root.resolve()
+    unpack_unfinished(root)
     if is_bag(str(root)):
         raise ParameterError(
             f"{folder} is a bag already; to check it, run: hapfmt archive verify {folder}"
         )
-    root = root.resolve()
-    unpack_unfinished(root)
+    if outer := bag_around(root):
+        raise ParameterError(f"{folder} lies within the bag {outer}, whose files must stay")
     began = time.perf_counter()
     if problems := unbaggable(root):
         return report(problems, time.perf_counter() - began, how.as_json)
     if (root / CRATE).exists() and not is_ours(root / CRATE):
         raise ParameterError(f"{root / CRATE} exists already, and hapfmt did not write it")
-    outcomes = catalogued_outcomes([str(root)], root / NAME, how, force=False)
+    outcomes = catalogued_outcomes([str(root)], root / NAME, how, known_rows(root / NAME))
+    if not outcomes and not force:
+        raise ParameterError(f"{folder} holds no .hapf file; to bag it anyway, give --force")
     if not force and any(each.exit_code for each in outcomes):
         code = report(outcomes, time.perf_counter() - began, how.as_json)
         note("nothing was bagged: recover or remove these files, or give --force")
         return code
     rows = [row for each in outcomes for row in each.rows]
+    tell_unfinished(root / FOLDER / LOG)
+    if hidden := hidden_files(root):
+        note(f"the bag gets {counted(len(hidden), 'hidden file')}, such as {hidden[0]}")
     with emptied(root / FOLDER):
         pass
     for name, data in ((NAME, to_parquet(rows)), (CRATE, crate_of(root, rows, about, NAME))):
@@ -627,6 +730,23 @@ def bag_folder(
     return 0
 
 
+def tell_unfinished(path: Path) -> None:
+    """Recordings that an earlier command began to write into the folder, and did not."""
+    from ..archive.runs import Log
+
+    if not path.is_file():
+        return
+    with Log(path) as log:
+        lacking = [
+            name for name in log.begun if name not in log.done and not (log.folder / name).exists()
+        ]
+    if lacking:
+        note(
+            f"{counted(len(lacking), 'output')} of an earlier command into this folder "
+            f"{'is' if len(lacking) == 1 else 'are'} not there, such as {lacking[0]}"
+        )
+
+
 @archive.command("find", cls=Verb, short_help="List channels of a catalogue.")
 @click.argument("catalogue", metavar="CATALOGUE")
 @click.option(
@@ -635,8 +755,11 @@ def bag_folder(
     help="An SQL expression over the columns: \"quantity = 'force' and rms > 2\". [all rows]",
 )
 @click.option("--files", is_flag=True, help="Print the names of the files alone, one a line.")
+@click.option(
+    "-0", "--null", is_flag=True, help="With --files: end each name with a null byte, for xargs -0."
+)
 @json_option
-def find_rows(catalogue: str, where: str | None, files: bool, as_json: bool) -> int:
+def find_rows(catalogue: str, where: str | None, files: bool, null: bool, as_json: bool) -> int:
     """List the channels of CATALOGUE, a Parquet file or the folder that holds it.
 
     The columns are: file, channel, label, unit, quantity, axis, group, device, body_site, rate,
@@ -650,13 +773,15 @@ def find_rows(catalogue: str, where: str | None, files: bool, as_json: bool) -> 
     from ..archive.catalogue import as_json as row_json
     from ..archive.catalogue import find, read
 
+    if null and not files:
+        raise ParameterError("--null goes with --files")
     found = find(read(catalogue), where)
     rows = found.to_dicts()
     if as_json:
         echo_json({"rows": [row_json(row) for row in rows], "exit_code": 0})
     elif files:
         for name in dict.fromkeys(row["file"] for row in rows):
-            say(name, whole=True)
+            raw(f"{name}\0") if null else say(name, whole=True)
     else:
         show_rows(rows)
     return 0
@@ -682,7 +807,10 @@ def show_rows(rows: Sequence[dict[str, Any]]) -> None:
     if cells:
         table(headers, cells)
     count = len({row["file"] for row in rows})
-    say(f"{counted(len(rows), 'channel')} in {counted(count, 'file')}")
+    without = len({row["file"] for row in rows if row["channel"] is None})
+    more = f", {without} of them without a readable channel" if without else ""
+    channels = sum(row["channel"] is not None for row in rows)
+    say(f"{counted(channels, 'channel')} in {counted(count, 'file')}{more}")
 
 
 def number(value: float | None) -> str:

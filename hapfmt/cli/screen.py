@@ -58,6 +58,10 @@ IN_OPTIONS = {
         }.items()
     },
     "; use force=True to ": "; use --force to ",
+    "hapfmt.Reader reads what is intact; hapfmt.recover(file, into) writes an intact copy": (
+        "hapfmt decode gives what is intact; hapfmt recover writes an intact copy"
+    ),
+    "fetch the file first, or let it be copied: Reader(url, spool=True)": "fetch the file first",
     "requires texture=False": "requires --no-texture",
     "texture=False leaves": "--no-texture leaves",
     "give one of quality, snr, st_sim, bitrate": (
