@@ -232,10 +232,10 @@ class TestTwins:
         loops = codec.compiled
         steps, out = np.ones(3, np.int64), np.zeros(40, np.int32)
         window = codec.window(32)
-        good = [b"\0" * 8, waves(32), window, steps, 0, 0, 0, -5, 5, out]
+        good = [b"\0" * 8, codec.tiles(32), window, steps, 0, 0, 0, -5, 5, out]
         assert loops.mdct_decode(*good)[0] in codec.STATUS
         for place, bad in [
-            (1, waves(64)), (2, window[:, :8].copy()), (2, -window), (3, steps * 0),
+            (1, codec.tiles(64)), (2, window[:, :8].copy()), (2, -window), (3, steps * 0),
             (3, steps[:0]), (3, np.ones(33, np.int64)), (4, 256), (5, 164), (6, 2**33), (7, 6),
         ]:  # fmt: skip
             with pytest.raises(ValueError, match="not a transform"):

@@ -83,6 +83,12 @@ def waves(size: int) -> Doubles:
 
 
 @lru_cache(len(BLOCKS))
+def tiles(size: int) -> Doubles:
+    """The same [sample / 16, coefficient, sample % 16], as the compiled loop goes through it."""
+    return np.ascontiguousarray(waves(size).reshape(size, size // 16, 16).transpose(1, 0, 2))
+
+
+@lru_cache(len(BLOCKS))
 def window(size: int) -> Integers:
     """[2, size / 2]: w and z of the samples on one side of a boundary."""
     odd = (2 * np.arange(size // 2) + 1) * (QUARTER // 2 // size)
@@ -264,7 +270,7 @@ def decode_component(
     coded, at, steps = data[position:], offset + position, parameters.steps[:count]
     if compiled is not None:
         status, taken = compiled.mdct_decode(
-            coded, waves(size), window(size), steps, classes, start, base, low, high, out
+            coded, tiles(size), window(size), steps, classes, start, base, low, high, out
         )
         if status:
             requirement, message = STATUS[status]

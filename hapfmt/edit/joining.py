@@ -21,7 +21,7 @@ from typing import Literal, NamedTuple
 from ..errors import ParameterError, UnsupportedError
 from ..format.cluster import Packet
 from ..format.extras import build_metadata
-from ..format.track import Affine, Component, Track
+from ..format.track import Affine, Component, Track, minor_of
 from ..format.wire import Head, check_file_id
 from ..limits import LAST_TRACK_ID, LEVELS
 from ..numbers import exact
@@ -412,13 +412,17 @@ def concat(
             head = another(head, Fraction(0), canonical)
         text = f"concatenated from {', '.join(map(dated, originals))}"
         metadata = with_note(combined([o.catalogue.metadata for o in originals]), text)
+        tracks = list(joining.tracks.values())
         level = level_for(
-            list(joining.tracks.values()),
+            tracks,
             *(LEVELS[original.head.level] for original in originals),
             largest=len(build_metadata(metadata)),
         )
         with opened(out, force) as stream:
-            making = Making(stream, head, level=level, canonical=canonical, name=name_of(out))
+            making = Making(
+                stream, head, level=level, minor=minor_of(tracks), canonical=canonical,
+                name=name_of(out),
+            )  # fmt: skip
             if len(originals) > 1:
                 same = times == "same"
                 making.maps_to_drop = differing_maps(originals) if same else Everything()
@@ -526,13 +530,17 @@ def merge(
         plans = plans_of(originals, line.offsets, prefixes or [""] * len(files))
         text = f"merged from {', '.join(map(title, originals))}"
         metadata = with_note(combined([o.catalogue.metadata for o in originals]), text)
+        tracks = [place.track for plan in plans for place in plan.places.values()]
         level = level_for(
-            [place.track for plan in plans for place in plan.places.values()],
+            tracks,
             *(LEVELS[original.head.level] for original in originals),
             largest=len(build_metadata(metadata)),
         )
         with opened(out, force) as stream:
-            making = Making(stream, line.head, level=level, canonical=canonical, name=name_of(out))
+            making = Making(
+                stream, line.head, level=level, minor=minor_of(tracks), canonical=canonical,
+                name=name_of(out),
+            )  # fmt: skip
             making.edited.offsets = line.offsets
             for note in [*line.notes, *collisions(plans)]:
                 making.note(note)

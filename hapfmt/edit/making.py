@@ -417,6 +417,7 @@ class Making:
         head: Head,
         *,
         level: Level,
+        minor: int,
         canonical: int | None = None,
         name: str | None = None,
     ) -> None:
@@ -427,6 +428,7 @@ class Making:
             recording_uuid=uuid.UUID(bytes=head.uuid) if head.uuid else None,
             epoch_ns=head.epoch_ns,
             epoch_uncertainty_ns=head.epoch_uncertainty_ns,
+            minor=minor,
         )
         self.edited = Edited(name, level=level.number)
         self.stops: dict[tuple[int, bool], int] = {}

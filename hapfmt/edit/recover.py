@@ -30,7 +30,16 @@ from ..files import atomic_write, refusal, refuse, sync_directory, target
 from ..format.cluster import Packet, alone_size
 from ..format.extras import build_metadata, parse_attachment, parse_clock, parse_map, parse_metadata
 from ..format.source import SPOOL_SIZE, ByteSource, StreamSource, open_source
-from ..format.track import COMPONENTS, Component, Record, Track, TrackTable, build_track, split
+from ..format.track import (
+    COMPONENTS,
+    Component,
+    Record,
+    Track,
+    TrackTable,
+    build_track,
+    minor_of,
+    split,
+)
 from ..format.walk import Chunk, Finding, read_chunk
 from ..format.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, check_file_id
 from ..limits import LAST_TRACK_ID, Limits
@@ -423,6 +432,7 @@ class Copy:
             recording_uuid=UUID(bytes=head.uuid) if head and head.uuid else None,
             epoch_ns=head.epoch_ns if head else None,
             epoch_uncertainty_ns=head.epoch_uncertainty_ns if head else 0,
+            minor=minor_of(track for track, _ in described),
         )
         self.writer.describe_as(described)
         empty = {track.id for track in self.places}

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from ..errors import ParameterError, channels_called
 from ..format.cluster import Packet
 from ..format.extras import build_metadata
-from ..format.track import Track
+from ..format.track import Track, minor_of
 from ..format.wire import FILE_ID_LIMIT, check_file_id
 from ..limits import LEVELS
 from ..numbers import exact
@@ -200,7 +200,10 @@ def write_part(
     asked = [LEVELS[level]] if level else []
     limits = level_for(described, LEVELS[head.level], *asked, largest=len(build_metadata(metadata)))
     with opened(out, force) as stream:
-        making = Making(stream, head, level=limits, canonical=canonical, name=name_of(out))
+        making = Making(
+            stream, head, level=limits, minor=minor_of(described), canonical=canonical,
+            name=name_of(out),
+        )  # fmt: skip
         for note in notes:
             making.note(note)
         making.describe(original, plan)

@@ -115,7 +115,7 @@ CHUNK_HEADER = Layout(
 
 HEAD = Layout(
     Field("major", "u8", "major version, 1"),
-    Field("minor", "u8", "minor version, 0"),
+    Field("minor", "u8", "minor version, 0 or 1"),
     Field("level", "u8", "level, 1 or 2"),
     Field("reserved", "u8", "0"),
     Field("incompat", "u32", "incompatible feature bits, none defined in 1.0"),

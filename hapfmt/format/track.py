@@ -147,6 +147,14 @@ class Track:
         )
 
 
+CODECS_OF_MINOR_1 = ("MDCT", "NOIS")
+
+
+def minor_of(tracks: Iterable[Track]) -> int:
+    """The smallest minor version that has the codecs of all tracks."""
+    return int(any(track.codec in CODECS_OF_MINOR_1 for track in tracks))
+
+
 def complete(tracks: Iterable[Track]) -> bool:
     """Whether these may be the tracks of a closed file (TRK-010, TRK-012)."""
     tracks = list(tracks)

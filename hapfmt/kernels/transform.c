@@ -21,7 +21,7 @@ static int valid_transform(const transform *t, const Py_buffer *waves, const Py_
     return fits;
 }
 
-/* (coded bytes, waves float64 [size, size], window int64 [2, size / 2], steps int64 [count], classes,
+/* (coded bytes, waves float64 [size / 16, size, 16], window int64 [2, size / 2], steps int64 [count], classes,
    start, base, least and largest count, counts int32) -> (status, bytes read) */
 static PyObject *mdct_decode(PyObject *self, PyObject *args)
 {
@@ -32,6 +32,7 @@ static PyObject *mdct_decode(PyObject *self, PyObject *args)
     int64_t taken = 0;
     int status = NO_ROOM;
     uint8_t *copy = NULL;
+    workbench *work = NULL;
     if (!PyArg_ParseTuple(args, "y*y*y*y*iiLLLw*", &coded, &waves, &window, &steps, &t.classes, &t.start,
                           &base, &low, &high, &counts))
         return NULL;
@@ -50,10 +51,13 @@ static PyObject *mdct_decode(PyObject *self, PyObject *args)
     else {
         Py_BEGIN_ALLOW_THREADS
         copy = with_margins(coded.buf, coded.len);
-        if (copy) status = decode_transform(copy + MARGIN, coded.len, &t, counts.buf, &taken);
+        work = malloc(sizeof *work);
+        if (copy && work)
+            status = decode_transform(copy + MARGIN, coded.len, &t, work, counts.buf, &taken);
         Py_END_ALLOW_THREADS
-        if (copy) result = Py_BuildValue("iL", status, (long long)taken);
+        if (copy && work) result = Py_BuildValue("iL", status, (long long)taken);
         else PyErr_NoMemory();
+        free(work);
         free(copy);
     }
     PyBuffer_Release(&coded);

@@ -7,7 +7,7 @@
 
 #include "coded.h"
 
-enum { SIZE_MOST = 512, STATES = 8, BAD_SUM = 8, COSINE_BITS = 15, AT_ONCE = 4 };
+enum { SIZE_MOST = 512, STATES = 8, BAD_SUM = 8, COSINE_BITS = 15, TILE = 16, BATCH = 8 };
 static const double SUM_LIMIT = 68719476736.0;
 
 static const uint8_t next_state[STATES][2] = {{0, 2}, {5, 7}, {1, 3}, {4, 6}, {2, 0}, {7, 5}, {3, 1}, {6, 4}};
@@ -54,7 +54,7 @@ INLINE int context_by(int64_t mean, int *shift)
 
 typedef struct {
     int size, count, classes, start;
-    const double *waves;    /* [size][size] */
+    const double *waves;    /* [size / TILE][size][TILE] */
     const int64_t *window;  /* [2][size / 2] */
     const int64_t *steps;   /* [count] */
     int64_t base, low, high, span;
@@ -111,27 +111,44 @@ static int get_coefficients(decoder *d, const transform *t, neighbours *n, int *
     return DONE;
 }
 
-/* v of SPEC 9.8; returns whether there is anything. */
-static int transformed(const transform *t, const block *b, int64_t *v)
+/* v of TILE samples of a block: ``waves`` [size][TILE]. The sums stay in registers. */
+INLINE void tile_as(const double *waves, const block *b, int64_t *v)
 {
-    double sums[SIZE_MOST];
-    int size = t->size, at = 0;
-    if (!b->some) return 0;
-    for (int j = 0; j < size; j++) sums[j] = 1 << (COSINE_BITS - 1);
-    for (; at + AT_ONCE <= b->some; at += AT_ONCE) {
-        const double *p = t->waves + (size_t)b->places[at] * (size_t)size;
-        const double *q = t->waves + (size_t)b->places[at + 1] * (size_t)size;
-        const double *r = t->waves + (size_t)b->places[at + 2] * (size_t)size;
-        const double *s = t->waves + (size_t)b->places[at + 3] * (size_t)size;
-        double x = b->x[at], y = b->x[at + 1], z = b->x[at + 2], w = b->x[at + 3];
-        for (int j = 0; j < size; j++) sums[j] += (x * p[j] + y * q[j]) + (z * r[j] + w * s[j]);
+    double sums[TILE];
+    for (int j = 0; j < TILE; j++) sums[j] = 1 << (COSINE_BITS - 1);
+    for (int i = 0; i < b->some; i++) {
+        const double *wave = waves + (size_t)b->places[i] * TILE;
+        double x = b->x[i];
+        for (int j = 0; j < TILE; j++) sums[j] += x * wave[j];
     }
-    for (; at < b->some; at++) {
-        const double *p = t->waves + (size_t)b->places[at] * (size_t)size;
-        for (int j = 0; j < size; j++) sums[j] += b->x[at] * p[j];
-    }
-    for (int j = 0; j < size; j++) v[j] = (int64_t)sums[j] >> COSINE_BITS;
-    return 1;
+    for (int j = 0; j < TILE; j++) v[j] = (int64_t)sums[j] >> COSINE_BITS;
+}
+
+typedef void tile_loop(const double *waves, const block *b, int64_t *v);
+
+static void tile(const double *waves, const block *b, int64_t *v) { tile_as(waves, b, v); }
+
+#if defined(__GNUC__) && defined(__x86_64__) && !defined(HAPFMT_PLAIN)
+__attribute__((target("avx2"))) static void wide_tile(const double *waves, const block *b, int64_t *v)
+{
+    tile_as(waves, b, v);
+}
+
+static tile_loop *best_tile(void) { return __builtin_cpu_supports("avx2") ? wide_tile : tile; }
+#else
+static tile_loop *best_tile(void) { return tile; }
+#endif
+
+/* v of some blocks, a row of SIZE_MOST for each: a tile of the waves serves all of them. */
+static void transform_blocks(const transform *t, const block *blocks, int count, int64_t *v)
+{
+    tile_loop *loop = best_tile();
+    for (int b = 0; b < count; b++)
+        if (!blocks[b].some) memset(v + (size_t)b * SIZE_MOST, 0, (size_t)t->size * sizeof *v);
+    for (int j = 0; j < t->size; j += TILE)
+        for (int b = 0; b < count; b++)
+            if (blocks[b].some)
+                loop(t->waves + (size_t)j * (size_t)t->size, blocks + b, v + (size_t)b * SIZE_MOST + j);
 }
 
 INLINE void put_count(const transform *t, int64_t at, int64_t x, int32_t *out)
@@ -140,38 +157,54 @@ INLINE void put_count(const transform *t, int64_t at, int64_t x, int32_t *out)
     if (at < t->span) out[at] = (int32_t)(count < t->low ? t->low : count > t->high ? t->high : count);
 }
 
-/* ``in`` has a margin on both sides, and is used up. *taken: bytes. */
-static int decode_transform(uint8_t *in, int64_t size, const transform *t, int32_t *out, int64_t *taken)
+/* Counts around p, where two blocks meet. */
+static void mix(const transform *t, int64_t p, const int64_t *last, const int64_t *now, int32_t *out)
 {
-    int64_t v[2][SIZE_MOST], *now = v[0], *last = v[1];
-    int M = t->size, half = M / 2, state = 0, status, any = 0, was = 0;
+    int half = t->size / 2;
     const int64_t *w = t->window, *z = t->window + half;
+    for (int i = 0; i < half; i++) {
+        int64_t right = now[i], left = last[t->size - 1 - i];
+        put_count(t, p + i, (w[i] * right - z[i] * left + (1 << 22)) >> 23, out);
+        put_count(t, p - 1 - i, (w[i] * left + z[i] * right + (1 << 22)) >> 23, out);
+    }
+}
+
+/* Where decoding works: coefficients of some blocks, and their v after that of the block before. */
+typedef struct {
+    block blocks[BATCH];
+    int64_t v[(BATCH + 1) * SIZE_MOST];
     neighbours n;
-    block b;
+} workbench;
+
+/* ``in`` has a margin on both sides, and is used up. *taken: bytes. */
+static int decode_transform(uint8_t *in, int64_t size, const transform *t, workbench *work, int32_t *out,
+                            int64_t *taken)
+{
+    int64_t *first = work->v + SIZE_MOST, p = 0;
+    int M = t->size, half = M / 2, state = 0, was = 0;
     decoder d;
     decoder_init(&d, in, 0, size, 1);
-    neighbours_from(&n, M, t->count, t->start);
-    status = overrun(&d) ? BAD_END : DONE;
-    for (int64_t p = 0; !status && p < t->span; p += M, was = any) {
-        int64_t *swap = last;
-        status = get_coefficients(&d, t, &n, &state, &b);
+    neighbours_from(&work->n, M, t->count, t->start);
+    int status = overrun(&d) ? BAD_END : DONE;
+    while (!status && p < t->span) {
+        int count = 0;
+        for (int64_t at = p; !status && count < BATCH && at < t->span; at += M)
+            status = get_coefficients(&d, t, &work->n, &state, work->blocks + count++);
         if (status) break;
-        last = now;
-        now = swap;
-        any = transformed(t, &b, now);
-        if (!any) memset(now, 0, (size_t)M * sizeof *now);
-        if (!p)
-            for (int i = 0; i < half; i++) put_count(t, i, (now[i] + 128) >> 8, out);
-        else if (any || was)
-            for (int i = 0; i < half; i++) {
-                int64_t right = now[i], left = last[M - 1 - i];
-                put_count(t, p + i, (w[i] * right - z[i] * left + (1 << 22)) >> 23, out);
-                put_count(t, p - 1 - i, (w[i] * left + z[i] * right + (1 << 22)) >> 23, out);
-            }
-        else
-            for (int i = -half; i < half; i++) put_count(t, p + i, 0, out);
-        if (p + M >= t->span)
-            for (int i = half; i < M; i++) put_count(t, p + i, (now[i] + 128) >> 8, out);
+        transform_blocks(t, work->blocks, count, first);
+        for (int b = 0; b < count; b++, p += M) {
+            const int64_t *now = first + (size_t)b * SIZE_MOST;
+            int any = work->blocks[b].some;
+            if (!p)
+                for (int i = 0; i < half; i++) put_count(t, i, (now[i] + 128) >> 8, out);
+            else if (any || was) mix(t, p, now - SIZE_MOST, now, out);
+            else
+                for (int i = -half; i < half; i++) put_count(t, p + i, 0, out);
+            if (p + M >= t->span)
+                for (int i = half; i < M; i++) put_count(t, p + i, (now[i] + 128) >> 8, out);
+            was = any;
+        }
+        memcpy(work->v, first + (size_t)(count - 1) * SIZE_MOST, (size_t)M * sizeof *work->v);
     }
     if (!status) status = check_end(&d);
     *taken = front_taken(&d);

@@ -87,6 +87,7 @@ class FileWriter:
         recording_uuid: uuid.UUID | None = None,
         epoch_ns: int | None = None,
         epoch_uncertainty_ns: int = 0,
+        minor: int = 0,
         clock: Callable[[], float] | None = None,
     ) -> None:
         head = Head(
@@ -94,6 +95,7 @@ class FileWriter:
             recording_uuid.bytes if recording_uuid else None,
             epoch_ns,
             epoch_uncertainty_ns,
+            minor=minor,
         )
         file_id = secrets.randbits(64) if file_id is None else file_id
         self.begin(stream, head, head.build(), file_id, clock)

@@ -36,7 +36,7 @@ from ..format.extras import (
     build_map,
     build_metadata,
 )
-from ..format.track import Track, build_track
+from ..format.track import Track, build_track, minor_of
 from ..format.wire import NO_TRACK, check_file_id
 from ..limits import LEVELS
 from ..numbers import counted
@@ -230,6 +230,7 @@ def put(
         recording_uuid=own_uuid,
         epoch_ns=recording.epoch_ns,
         epoch_uncertainty_ns=recording.epoch_uncertainty_ns,
+        minor=minor_of(tracks),
     )
     out.describe(tracks)
     for type_, payload in extras:
