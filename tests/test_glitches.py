@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from hapfmt import Calibration, Channel, Settings
 from hapfmt.encoder import plan
 from hapfmt.encoder.encode import encode
+from hapfmt.encoder.felt import FeltChannel
 from hapfmt.encoder.lattice import Tolerance, snap_to_lattice
 from hapfmt.encoder.plan import LEAST, Promise, find_glitches, median3, without_glitches
 from hapfmt.encoder.settings import TextureQuality
 from hapfmt.encoder.source import InputBlock
-from hapfmt.encoder.texture import FeltChannel
 from hapfmt.recording import Recording
 
 HUM = np.round(1000 * np.sin(np.arange(3000) / 40)).astype(np.int16)

@@ -27,6 +27,7 @@ TESTS = [
     "tests/test_codecs_knots.py",
     "tests/test_codecs_knots_coded.py",
     "tests/test_codecs_quantised.py",
+    "tests/test_codecs_transform.py",
     "tests/test_tube.py",
     "tests/test_codecs_components.py",
     "tests/test_fuzz.py",
@@ -35,6 +36,7 @@ PLAIN_TESTS = [
     "tests/test_kernels.py",
     "tests/test_codecs_predicted.py",
     "tests/test_codecs_components.py",
+    "tests/test_codecs_transform.py",
 ]
 """What runs through loops that have a vector form."""
 

@@ -94,7 +94,7 @@ LONGEST = 1 << 16
 THRESHOLDS = ("0.2%", "1%", "2%", "5%", "10%", "20%")
 """Absolute thresholds of the deadband of the paper's slow part: shares of the range."""
 
-LINES = ("0.2%", "1%", "5%")
+LINES = ("0.2%", "2%", "20%")
 """The same for lines."""
 
 BLOCKS = (32, 64, 128, 256, 512)

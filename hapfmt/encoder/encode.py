@@ -51,7 +51,9 @@ from .settings import Settings
 from .source import InputBlock, cut, group_units, side_by_side
 from .texture import encode_textured
 from .unit import (
+    DESCRIPTION,
     ENCODE_LEVEL,
+    ROW,
     Unit,
     encode_constant,
     encode_paper,
@@ -73,9 +75,8 @@ JOINED_TICKS = 1 << 19
 """Most ticks of a constant packet with one component: eight of them fill a cluster of level 1."""
 
 
-ROW, CONTRACT, DEVIATION, DESCRIPTION, METADATA = 12, 20, 24, 80, 96
-"""Bytes in a file, besides the packets: a packet's row, an error bound, the deviation of a grid, a
-track of its own. A lossy form that saves less is not worth the loss."""
+METADATA = 96
+"""Bytes in a file. A lossy form that saves less is not worth the loss."""
 
 SMALLER = "smaller than a lossy form"
 SMALLER_LOSSLESS = "lossless is smaller"
@@ -248,7 +249,10 @@ class Encoding:
                 return part
             texture = replace(member.promise.texture, snr=db)
             again = replace(member, promise=replace(member.promise, texture=texture))
-            return PlacedUnit(encode_unit([again], part.first, self.job), part.first, [again])
+            unit = encode_unit([again], part.first, self.job)
+            if unit.reached:
+                unit.missed = ""  # the search asks for this quality, not the user
+            return PlacedUnit(unit, part.first, [again])
 
         again = in_order(code, self.textures, self.job.threads)
         count = len(self.recording)
@@ -505,18 +509,11 @@ def may_lose(part: PlacedUnit) -> bool:
     """Whether a lossless form may be smaller: what is lossless already is the smallest found."""
     if all(each.promise.lossless for each in part.members):
         return False
-    return 8 * cost(part.unit) > part.unit.least
-
-
-def cost(unit: Unit) -> int:
-    """Bytes of a unit in a file, about: with the rows of its packets, and its contract."""
-    packets = len(unit.base.packets) + (len(unit.residual.packets) if unit.residual else 0)
-    described = CONTRACT * (not unit.exact) + DEVIATION * any(c.deviation for c in unit.channels)
-    return unit.size + ROW * packets + described + DESCRIPTION * (unit.residual is not None)
+    return 8 * part.unit.cost > part.unit.least
 
 
 def total_cost(parts: list[PlacedUnit]) -> int:
-    return sum(cost(part.unit) for part in parts)
+    return sum(part.unit.cost for part in parts)
 
 
 def smaller(parts: list[PlacedUnit], rivals: list[PlacedUnit]) -> Iterator[PlacedUnit]:

@@ -142,6 +142,11 @@ MARGIN = Fraction(101, 100)
 deviation. With a floor of at most a 200th of the range that is 1 % of the deviation."""
 
 
+ROW, CONTRACT, DEVIATION, DESCRIPTION = 12, 20, 24, 80
+"""Bytes in a file, besides the packets: a packet's row, an error bound, the deviation of a grid, a
+track of its own."""
+
+
 @dataclass
 class Unit:
     """The tracks that one unit became, and why."""
@@ -183,6 +188,14 @@ class Unit:
     @property
     def size(self) -> int:
         return self.base.size + (self.residual.size if self.residual else 0)
+
+    @property
+    def cost(self) -> int:
+        """Bytes in a file, about: with the rows of the packets, and the contract."""
+        packets = len(self.base.packets) + (len(self.residual.packets) if self.residual else 0)
+        deviation = DEVIATION * any(c.deviation for c in self.channels)
+        described = DESCRIPTION * (self.residual is not None)
+        return self.size + ROW * packets + CONTRACT * (not self.exact) + deviation + described
 
     def copy(self) -> Unit:
         """A unit whose packets may be replaced."""

@@ -146,7 +146,7 @@ INLINE uint64_t get_raw(decoder *d, int bits)
 }
 
 /* RNG-001 */
-static int check_end(const decoder *d)
+static inline int check_end(const decoder *d)
 {
     int rest = (int)(d->raw & 7);
     uint32_t all = 0;

@@ -177,7 +177,7 @@ typedef struct {
 } workbench;
 
 /* ``in`` has a margin on both sides, and is used up. *taken: bytes. */
-static int decode_transform(uint8_t *in, int64_t size, const transform *t, workbench *work, int32_t *out,
+static inline int decode_transform(uint8_t *in, int64_t size, const transform *t, workbench *work, int32_t *out,
                             int64_t *taken)
 {
     int64_t *first = work->v + SIZE_MOST, p = 0;

@@ -1,0 +1,144 @@
+"""A channel that is felt: its slow part, its texture, and what a promise allows there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..recording import Calibration, Channel
+from ..split import PADDING_PERIODS, slow_for_telling
+from .plan import Promise, without_glitches
+from .quality import Measure, measure_of
+from .source import InputBlock
+
+Doubles = NDArray[np.float64]
+
+STRETCH = 1 << 18
+"""Samples that are filtered at a time."""
+
+RESOLVED = 1e-12
+"""Share of the largest value that rounding leaves where the slow part is the signal itself."""
+
+SILENT_S = 0.5
+"""A stretch without texture lasts this long at least, in seconds."""
+
+
+@dataclass(frozen=True)
+class FeltChannel:
+    """One channel in its unit: samples, their slow part, and what the promise allows there."""
+
+    x: Doubles
+    slow: Doubles
+    allowed: Doubles
+    floor: float
+    textured: NDArray[np.bool_] | None
+    """Samples that are not in a silent stretch; None: all."""
+
+    power: float
+    """Power of the part above the split frequency where there is texture."""
+
+    whole_power: float
+    """The same, with silent stretches."""
+
+    measure: Measure
+    source: InputBlock
+    cutoff_hz: float
+
+    @classmethod
+    def of(cls, x: Doubles, source: InputBlock, promise: Promise, cutoff_hz: float) -> FeltChannel:
+        assert promise.floor is not None and promise.texture is not None
+        calm = without_glitches(x)  # one glitch of 1 kN would hide a texture of 30 mN
+        slow = slow_of(calm, source, cutoff_hz)
+        extent = float(np.ptp(calm))
+        channel = source.channels[0]
+        step = float(abs(channel.calibration.step)) if channel.calibration else None
+        floor = promise.floor.absolute(extent, step, channel.unit) or 0.0
+        allowed = np.maximum(float(promise.k) * np.abs(slow), floor)
+        textured = None
+        if promise.texture.drops_silence:
+            textured = textured_samples(x - slow, floor, source)
+        fast = calm - slow
+        power = float((fast if textured is None else fast[textured]).var())
+        measure = measure_of(promise.texture, x, power, textured, source)
+        return cls(
+            x, slow, allowed, floor, textured, power, float(fast.var()), measure, source, cutoff_hz
+        )
+
+    @property
+    def silent(self) -> bool:
+        """Whether what lies above the split frequency is below the absolute threshold, as root
+        mean square: the onsets of smooth contact, which the deadband keeps, are no texture."""
+        return self.whole_power <= self.floor**2
+
+    @property
+    def smooth(self) -> bool:
+        """Whether what lies above the split frequency is only rounding of float64."""
+        return sqrt(self.power) <= RESOLVED * float(np.abs(self.x).max(initial=0.0))
+
+    @property
+    def fine(self) -> bool:
+        """Whether the quality asks for errors below the absolute threshold: those of a uniform
+        grid are spread evenly, so their mean square is a third of the largest one's."""
+        return self.first_step <= 2 * self.floor
+
+    @property
+    def first_step(self) -> float:
+        """The step of a uniform grid that about has the quality."""
+        return sqrt(12 * self.power * self.measure.noise)
+
+    @cached_property
+    def wanted(self) -> Doubles:
+        """What is coded: in silent stretches the slow part."""
+        return self.x if self.textured is None else np.where(self.textured, self.x, self.slow)
+
+    def wanted_counts(self, channel: Channel) -> NDArray[np.int64]:
+        """The same in counts of this channel, or of its finer form."""
+        assert channel.calibration is not None
+        if self.textured is None:
+            return channel.stored.astype(np.int64)
+        return counts_nearest(self.wanted, channel.calibration)
+
+    def holds(self, y: Doubles) -> bool:
+        """Whether decoded samples keep the quality, and their slow part the deadband."""
+        return self.measure.error(y) <= self.measure.allowed and self.slow_holds(y)
+
+    def slow_holds(self, y: Doubles) -> bool:
+        error = slow_of(y - self.x, self.source, self.cutoff_hz)
+        return bool((np.abs(error) <= self.allowed).all())
+
+
+def counts_nearest(x: Doubles, calibration: Calibration) -> NDArray[np.int64]:
+    exact = (x * calibration.d - calibration.b) / calibration.a
+    return np.floor(exact + 0.5).astype(np.int64)
+
+
+def textured_samples(fast: Doubles, floor: float, source: InputBlock) -> NDArray[np.bool_] | None:
+    """Samples outside of stretches that stay below the threshold; None where there is no such
+    stretch."""
+    loud = np.abs(fast) > floor
+    least = max(round(SILENT_S * float(source.rate)), 1)
+    found = np.ones(loud.size, np.bool_)
+    for rows in source.segments():
+        marks = np.flatnonzero(loud[rows]) + rows.start
+        edges = np.concatenate(([rows.start - 1], marks, [rows.stop]))
+        for place in np.flatnonzero(np.diff(edges) > least).tolist():
+            found[edges[place] + 1 : edges[place + 1]] = False
+    return None if found.all() or not found.any() else found
+
+
+def slow_of(x: Doubles, source: InputBlock, cutoff_hz: float) -> Doubles:
+    """The slow part; no filter reaches over a gap. Stretch by stretch, with what the filter needs
+    to settle on both sides."""
+    rate, out = float(source.rate), np.empty_like(x)
+    margin = ceil(PADDING_PERIODS * rate / cutoff_hz)
+    for rows in source.segments():
+        for start in range(rows.start, rows.stop, STRETCH):
+            stop = min(start + STRETCH, rows.stop)
+            first, last = max(start - margin, rows.start), min(stop + margin, rows.stop)
+            slow = slow_for_telling(x[first:last, None], rate, cutoff_hz)[:, 0]
+            out[start:stop] = slow[start - first : stop - first]
+    return out
