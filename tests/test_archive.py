@@ -23,7 +23,9 @@ from server import serving
 import hapfmt
 from hapfmt.archive import bags, catalogue, jobs, places, runs, work
 from hapfmt.archive.places import Place
+from hapfmt.cli.screen import in_options
 from hapfmt.errors import ParameterError
+from hapfmt.format.source import NO_PARTS
 from hapfmt.limits import Limits
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="names and links of POSIX")
@@ -458,6 +460,18 @@ class TestInterrupted:
 
 
 class TestRecoverAndConvert:
+    def test_advice_is_for_the_command_line(self, tmp_path: Path):
+        write_hapf(tmp_path / "in" / "a.hapf", size=3000)
+        damage(tmp_path / "in" / "a.hapf")
+        words = ["convert", "in", "out", "--output-format", "csv"]
+        for text in (
+            archive(*words, cwd=tmp_path, code=2),
+            report(*words, cwd=tmp_path, code=2)["files"][0]["message"],
+        ):
+            assert "hapfmt recover writes an intact copy" in " ".join(text.split())
+            assert "hapfmt." not in text
+        assert "Reader" not in in_options(NO_PARTS)
+
     def test_nothing_to_recover(self, tmp_path: Path):
         hapfmt.write(np.arange(300.0), tmp_path / "a.hapf", rate=1000, labels=["x"])
         for place in range(80, (tmp_path / "a.hapf").stat().st_size, 40):

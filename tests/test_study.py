@@ -211,6 +211,8 @@ class TestPreparing:
         rows = "".join(
             f'[[condition]]\nname = "{name}"\npreset = "perceptual"\n{row}\n'
             for name, row in (("high", 'quality = "high"'), ("10 dB", "snr = 10"),
+                              ("LPCR", 'snr = 10\ntexture_codec = "LPCR"'),
+                              ("MDCT", 'snr = 10\ntexture_codec = "MDCT"'),
                               ("model", "synthetic_texture = true"))
         )  # fmt: skip
         text = '[[session]]\nname = "cork"\nrecording = "cork.hapf"\n'
@@ -219,10 +221,14 @@ class TestPreparing:
         study = load_study(tmp_path / "study.toml")
         made = prepare(study, tmp_path / "conditions")
         x = {name: hapfmt.read(made.file("cork", name)).channels[0]
-             for name in ("same", "high", "10 dB", "model")}  # fmt: skip
-        assert [each.synthetic for each in x.values()] == [False, False, False, True]
+             for name in ("same", "high", "10 dB", "LPCR", "MDCT", "model")}  # fmt: skip
+        assert [each.synthetic for each in x.values()] == [False] * 5 + [True]
         size = {name: made.file("cork", name).stat().st_size for name in x}
         assert size["model"] < size["10 dB"] < size["high"] < size["same"]
+        assert size["10 dB"] <= min(size["LPCR"], size["MDCT"])
+        for name in ("LPCR", "MDCT"):
+            with hapfmt.Reader(made.file("cork", name)) as reader:
+                assert name in {track.codec for track in reader.catalogue.tracks.values()}
 
     def test_files_of_ones_own(self, study, tmp_path):
         for name in ("sand.hapf", "cork.npz"):

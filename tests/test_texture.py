@@ -362,6 +362,33 @@ class TestWays:
                 assert len(tried) <= 14
 
 
+class TestOneCodec:
+    @pytest.mark.parametrize(("codec", "other"), [("LPCR", "MDCT"), ("MDCT", "LPCR")])
+    def test_the_other_is_left_out(self, codec, other):
+        recording, stream = Recording((counted(texture()),)), io.BytesIO()
+        settings = Settings.of("perceptual", snr=15, texture_codec=codec, smallest=False)
+        hapfmt.write(recording, stream, settings, canonical=1)
+        with hapfmt.Reader(stream.getvalue()) as reader:
+            codecs = {track.codec for track in reader.catalogue.tracks.values()}
+        assert codec in codecs and other not in codecs
+
+    def test_the_default_is_the_smaller(self):
+        sizes = {
+            codec: decided(counted(texture()), snr=15, texture_codec=codec)[2]
+            for codec in (None, "LPCR", "MDCT")
+        }
+        assert sizes[None] <= min(sizes.values()) + 32  # the metadata name the option
+
+    @pytest.mark.parametrize("given", [{"texture": False}, {"synthetic_texture": True}])
+    def test_what_does_not_go_together(self, given):
+        with pytest.raises(ParameterError, match="needs a texture that is coded"):
+            Settings.of("perceptual", texture_codec="MDCT", **given)
+
+    def test_unknown_codec(self):
+        with pytest.raises(ParameterError, match="LPCR, MDCT"):
+            Settings.of("perceptual", texture_codec="QUAN")
+
+
 class TestFill:
     """The search for a size."""
 

@@ -71,11 +71,13 @@ def bag_around(path: Path) -> Path | None:
     return next((each for each in parents if is_bag(str(each))), None)
 
 
-def refuse_bag(path: str) -> None:
+def refuse_bag(path: str, instead: str) -> None:
     """Raises ParameterError where a new file would make a bag invalid."""
     bag = path if is_bag(path) else bag_around(Path(path))
     if bag:
-        raise ParameterError(f"{bag} is a bag, and a new file would make it invalid", path="")
+        raise ParameterError(
+            f"{bag} is a bag, and a new file would make it invalid: {instead}", path=""
+        )
 
 
 def bags_of(source: str) -> list[str]:

@@ -302,7 +302,7 @@ def write_all(
     else:
         if Path(target).exists() and not Path(target).is_dir():
             raise ParameterError(f"{target} is a file; TARGET is a folder")
-        refuse_bag(target)
+        refuse_bag(target, "give a TARGET outside of it")
         places = outside(places, sources, Path(target))
         left_out = outside(left_out, sources, Path(target))
         Path(target).mkdir(parents=True, exist_ok=True)
@@ -319,7 +319,8 @@ def write_all(
         others = ", ".join(other.name for other in shared[output] if other != place)
         text = f"{others} would have the same target: {output}" if others else place.error
         work.append(job_of(replace(place, error=text), output, staging))
-    tell_left_out([each for each in left_out if each.location not in targets])
+    outputs = set(targets)
+    tell_left_out([each for each in left_out if each.location not in outputs])
     began = time.perf_counter()
     with (
         opened_log(Path(how.log) if how.log else own, WRITTEN) as found,
@@ -339,8 +340,9 @@ def tell_left_out(places: Sequence[Place]) -> None:
     from ..archive.places import is_hapf
     from ..archive.places import suffix_of as suffix_of_name
 
-    encoded = [each.name for each in places if is_hapf(suffix_of_name(each.name))]
-    others = [each.name for each in places if each.name not in encoded]
+    names = [each.name for each in places]
+    encoded = [name for name in names if is_hapf(suffix_of_name(name))]
+    others = [name for name in names if not is_hapf(suffix_of_name(name))]
     if encoded:
         note(
             f"left out: {counted(len(encoded), '.hapf file')}, such as {encoded[0]}. To convert "
@@ -566,7 +568,7 @@ def catalogue_all(
     out = Path(local_path(output))
     if not out.parent.is_dir():
         raise ParameterError(f"{out}: the directory {out.parent} does not exist", path="")
-    refuse_bag(str(out.parent))
+    refuse_bag(str(out.parent), "give -o OUT.parquet outside of it")
     began = time.perf_counter()
     known = known_rows(out)
     outcomes = catalogued_outcomes(sources, out, how, {} if force else known)
@@ -764,7 +766,7 @@ def find_rows(catalogue: str, where: str | None, files: bool, null: bool, as_jso
 
     The columns are: file, channel, label, unit, quantity, axis, group, device, body_site, rate,
     start, duration, samples, missing, min, max, rms, recorded, uuid, encoder, file_size,
-    checksum, verdict, error.
+    modified, checksum, verdict, error.
 
     \b
     hapfmt archive find archive/ --where "quantity = 'force' and rms > 2"

@@ -354,6 +354,11 @@ _PRESET_OPTIONS = (
         "same signal-to-noise ratio.",
     ),
     click.option(
+        "--texture-codec",
+        type=click.Choice(["LPCR", "MDCT"], case_sensitive=False),
+        help="perceptual: the only codec of textures, to compare both [the smaller].",
+    ),
+    click.option(
         "--synthetic-texture",
         is_flag=True,
         default=None,

@@ -51,7 +51,8 @@ IN_OPTIONS = {
         for name, option in {
             "max_error": "--max-error", "k": "--k", "floor": "--floor", "felt": "--felt",
             "texture=False": "--no-texture", "quality": "--quality", "snr": "--snr",
-            "st_sim": "--st-sim", "bitrate": "--bitrate", "bits": "--bits", "step": "--step",
+            "st_sim": "--st-sim", "bitrate": "--bitrate",
+            "texture_codec": "--texture-codec", "bits": "--bits", "step": "--step",
             "cutoff_hz": "--cutoff", "interpolation": "--interpolation",
             "tolerance": "--tolerance", "vectors": "--vector",
             "references=False": "--no-references", "fast=True": "--fast",
@@ -64,6 +65,7 @@ IN_OPTIONS = {
     "fetch the file first, or let it be copied: Reader(url, spool=True)": "fetch the file first",
     "requires texture=False": "requires --no-texture",
     "texture=False leaves": "--no-texture leaves",
+    "texture_codec needs": "--texture-codec needs",
     "give one of quality, snr, st_sim, bitrate": (
         "give one of --quality, --snr, --st-sim, --bitrate"
     ),
@@ -438,7 +440,15 @@ GROUPS = {
         *("--quality", "--snr", "--st-sim", "--bitrate", "--bits", "--step", "--fast"),
     ),
     "For experts": (
-        *("--tolerance", "--cutoff", "--interpolation", "--vector", "--references", "--cluster"),
+        *(
+            "--tolerance",
+            "--cutoff",
+            "--interpolation",
+            "--texture-codec",
+            "--vector",
+            "--references",
+            "--cluster",
+        ),
         *("--digest", "--canonical", "--threads", "--max-memory", "--fsync", "--on-full"),
     ),
     "Output": (

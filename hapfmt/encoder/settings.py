@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil, inf, isfinite
 from numbers import Real
@@ -132,6 +132,10 @@ CLOSE = 0.02
 or a lossless form asks for more."""
 
 
+TextureCodec = Literal["LPCR", "MDCT"]
+TEXTURE_CODECS: tuple[TextureCodec, ...] = ("LPCR", "MDCT")
+
+
 @dataclass(frozen=True)
 class TextureQuality:
     """The quality of a texture: a signal-to-noise ratio in dB, or an ST-SIM.
@@ -148,6 +152,8 @@ class TextureQuality:
     text: str = "texture"
     synthetic: bool = False
     """Whether a model takes the place of the samples."""
+    codec: TextureCodec | None = None
+    """The only codec of textures; None: whichever is smaller."""
 
 
 VELOCITY_WEBER = Fraction(8, 100)
@@ -270,6 +276,9 @@ class Settings:
     synthetic_texture
         perceptual, in place of quality: store a model of each texture, not its samples. What is
         decoded has the spectrum and the loudness of the texture, and other samples.
+    texture_codec
+        perceptual: "LPCR" or "MDCT", the only codec of textures, to compare both. None: the
+        smaller.
     bits
         paper: bits of its quantiser, whose range comes from the signal; 0: no HF track.
     step
@@ -319,6 +328,7 @@ class Settings:
     st_sim: float | None = None
     bitrate: float | None = None
     synthetic_texture: bool = False
+    texture_codec: TextureCodec | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "k", share(self.k))
@@ -367,6 +377,11 @@ class Settings:
             raise ParameterError("give texture=False or synthetic_texture, not both")
         if self.synthetic_texture and given:
             raise ParameterError(f"a synthetic texture has no {given[0]}: give one of both")
+        if self.texture_codec is not None:
+            if self.synthetic_texture or not self.texture:
+                raise ParameterError("texture_codec needs a texture that is coded")
+            if self.texture_codec not in TEXTURE_CODECS:
+                raise ParameterError(f"the codec of textures is one of {', '.join(TEXTURE_CODECS)}")
         if self.quality is not None and self.quality not in QUALITIES:
             raise ParameterError(f"the quality is one of {', '.join(QUALITIES)}")
         if self.snr is not None and not (isinstance(self.snr, Real) and 0 < self.snr < inf):
@@ -381,6 +396,10 @@ class Settings:
     @property
     def target(self) -> TextureQuality:
         """The quality of textures. With a bit rate, the one that the search starts from."""
+        return replace(self._quality, codec=self.texture_codec)
+
+    @property
+    def _quality(self) -> TextureQuality:
         if self.synthetic_texture:
             return TextureQuality(
                 threshold_is_enough=False, text="synthetic texture", synthetic=True
@@ -478,6 +497,7 @@ OPTIONS = {
     "snr": "snr",
     "st_sim": "st-sim",
     "bitrate": "bitrate",
+    "texture_codec": "texture-codec",
     "bits": "bits",
     "step": "step",
     "max_error": "max-error",
@@ -498,6 +518,7 @@ USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
     "st_sim": ("st_sim", ("perceptual",)),
     "bitrate": ("bitrate", ("perceptual",)),
     "synthetic_texture": ("synthetic_texture=True", ("perceptual",)),
+    "texture_codec": ("texture_codec", ("perceptual",)),
     "bits": ("bits", ("paper",)),
     "step": ("step", ("paper",)),
     "cutoff_hz": ("cutoff_hz", ("perceptual", "paper")),

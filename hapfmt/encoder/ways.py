@@ -103,18 +103,24 @@ class Way:
 def ways_of(
     felt: FeltChannel, original: Channel, first_channel: int, promise: Promise
 ) -> Iterator[Way]:
-    """All ways to code a texture."""
+    """All ways to code a texture, or those of the only codec that was asked for."""
+    assert promise.texture is not None
+    codec = promise.texture.codec
+    predicted, transformed = codec != "MDCT", codec != "LPCR"
     step, source = felt.first_step, felt.source.channels[0]
-    yield way_of_whole(felt, original, first_channel)
     finer = finer_for(source, step)
-    yield way_of_transform(felt, finer, first_channel)
+    if predicted:
+        yield way_of_whole(felt, original, first_channel)
+    if transformed:
+        yield way_of_transform(felt, finer, first_channel)
     for everywhere in (False, True) if felt.textured is not None else (False,):
         split = split_of(felt, finer, first_channel, promise, everywhere=everywhere)
-        if split:
+        if split and predicted:
             yield way_of_lines(felt, split)
+        if split and transformed:
             yield way_of_lines_and_transform(felt, split)
     assert source.calibration is not None
-    if step < NATIVE * float(abs(source.calibration.step)):
+    if predicted and step < NATIVE * float(abs(source.calibration.step)):
         yield way_of_counts(felt, source, first_channel)
         split = split_of(felt, source, first_channel, promise)
         if split:
