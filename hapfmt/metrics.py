@@ -169,6 +169,16 @@ def vibrotactile_threshold(
     return np.asarray(LEAST_M * below * above * (2 * np.pi * f) ** _POWER[quantity])
 
 
+MOVES: dict[str, Quantity] = {
+    "position": "displacement",
+    "velocity": "velocity",
+    "acceleration": "acceleration",
+    "force": "acceleration",
+    "torque": "acceleration",
+}
+"""Quantities of channels, and as what :func:`vibrotactile_threshold` knows them. A force
+accelerates what is held."""
+
 _POWER: dict[str, int] = {"displacement": 0, "velocity": 1, "acceleration": 2}
 
 

@@ -32,7 +32,7 @@ from hapfmt.encoder.texture import widest
 from hapfmt.encoder.unit import decoded_pieces
 from hapfmt.encoder.ways import CodedTrial, Way, ways_of
 from hapfmt.errors import MissingExtraError
-from hapfmt.metrics import snr_hf_db, st_sim
+from hapfmt.metrics import snr_hf_db, snr_weighted_db, st_sim
 from hapfmt.recording import Span
 from hapfmt.split import slow_for_telling
 
@@ -387,6 +387,39 @@ class TestOneCodec:
     def test_unknown_codec(self):
         with pytest.raises(ParameterError, match="LPCR, MDCT"):
             Settings.of("perceptual", texture_codec="QUAN")
+
+
+class TestWeighting:
+    """Steps grow where people feel less, so that at one ratio the weighted ratio is larger."""
+
+    @pytest.mark.parametrize("unit", ["N", "m/s2", "m/s"])
+    def test_errors_move_to_where_they_are_not_felt(self, unit):
+        x = texture()
+        power = {"N": "acceleration", "m/s2": "acceleration", "m/s": "velocity"}[unit]
+        found = {}
+        for gamma in (0.0, 0.5):
+            given = {"texture_codec": "MDCT", "weighting": gamma, "felt": ("all",)}
+            decision, back, _ = decided(counted(x, unit=unit), snr=15, **given)
+            assert decision.snr_db == pytest.approx(15, rel=CLOSE)
+            found[gamma] = snr_weighted_db(x, back.samples(), 1000, power)
+        assert found[0.5] > found[0.0]
+
+    def test_a_quantity_without_threshold_is_not_weighted(self):
+        sizes = {
+            decided(counted(texture(), unit="V"), snr=15, weighting=gamma, felt=("all",))[0].size
+            for gamma in (0.0, 0.5)
+        }
+        assert len(sizes) == 1
+
+    @pytest.mark.parametrize("gamma", [-0.1, 1.1, "0.25"])
+    def test_range(self, gamma):
+        with pytest.raises(ParameterError, match="exponent from 0 to 1"):
+            Settings.of("perceptual", weighting=gamma)
+
+    @pytest.mark.parametrize("given", [{"texture_codec": "LPCR"}, {"synthetic_texture": True}])
+    def test_what_does_not_go_together(self, given):
+        with pytest.raises(ParameterError, match="only MDCT weights"):
+            Settings.of("perceptual", weighting=0.25, **given)
 
 
 class TestFill:

@@ -359,6 +359,13 @@ _PRESET_OPTIONS = (
         help="perceptual: the only codec of textures, to compare both [the smaller].",
     ),
     click.option(
+        "--weighting",
+        type=float,
+        metavar="GAMMA",
+        help="perceptual: let the steps of MDCT grow with this power of the threshold of "
+        "vibration, such as 0.25 [0].",
+    ),
+    click.option(
         "--synthetic-texture",
         is_flag=True,
         default=None,

@@ -9,9 +9,10 @@ from math import ceil, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from ..metrics import MOVES, Quantity
 from ..recording import Calibration, Channel
 from ..split import PADDING_PERIODS, slow_for_telling
-from .plan import Promise, without_glitches
+from .plan import Promise, quantity_of, without_glitches
 from .quality import Measure, measure_of
 from .source import InputBlock
 
@@ -47,6 +48,10 @@ class FeltChannel:
     measure: Measure
     source: InputBlock
     cutoff_hz: float
+    weighting: float = 0.0
+    """Exponent of the threshold of vibration; 0 where that of the quantity is not known."""
+
+    moves: Quantity = "displacement"
 
     @classmethod
     def of(cls, x: Doubles, source: InputBlock, promise: Promise, cutoff_hz: float) -> FeltChannel:
@@ -64,9 +69,11 @@ class FeltChannel:
         fast = calm - slow
         power = float((fast if textured is None else fast[textured]).var())
         measure = measure_of(promise.texture, x, power, textured, source)
+        moves = MOVES.get(quantity_of(channel))
         return cls(
-            x, slow, allowed, floor, textured, power, float(fast.var()), measure, source, cutoff_hz
-        )
+            x, slow, allowed, floor, textured, power, float(fast.var()), measure, source, cutoff_hz,
+            promise.texture.weighting if moves else 0.0, moves or "displacement",
+        )  # fmt: skip
 
     @property
     def silent(self) -> bool:

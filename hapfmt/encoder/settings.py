@@ -154,6 +154,8 @@ class TextureQuality:
     """Whether a model takes the place of the samples."""
     codec: TextureCodec | None = None
     """The only codec of textures; None: whichever is smaller."""
+    weighting: float = 0.0
+    """Exponent of the threshold of vibration in the steps of MDCT."""
 
 
 VELOCITY_WEBER = Fraction(8, 100)
@@ -279,6 +281,9 @@ class Settings:
     texture_codec
         perceptual: "LPCR" or "MDCT", the only codec of textures, to compare both. None: the
         smaller.
+    weighting
+        perceptual: 0 to 1; MDCT's steps grow with this power of the threshold of vibration, for
+        positions, velocities, accelerations, forces and torques.
     bits
         paper: bits of its quantiser, whose range comes from the signal; 0: no HF track.
     step
@@ -329,6 +334,7 @@ class Settings:
     bitrate: float | None = None
     synthetic_texture: bool = False
     texture_codec: TextureCodec | None = None
+    weighting: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "k", share(self.k))
@@ -382,6 +388,10 @@ class Settings:
                 raise ParameterError("texture_codec needs a texture that is coded")
             if self.texture_codec not in TEXTURE_CODECS:
                 raise ParameterError(f"the codec of textures is one of {', '.join(TEXTURE_CODECS)}")
+        if not (isinstance(self.weighting, Real) and 0 <= self.weighting <= 1):
+            raise ParameterError("the weighting is an exponent from 0 to 1, such as 0.25")
+        if self.weighting and (self.synthetic_texture or self.texture_codec == "LPCR"):
+            raise ParameterError("only MDCT weights frequencies: leave the weighting out")
         if self.quality is not None and self.quality not in QUALITIES:
             raise ParameterError(f"the quality is one of {', '.join(QUALITIES)}")
         if self.snr is not None and not (isinstance(self.snr, Real) and 0 < self.snr < inf):
@@ -396,7 +406,7 @@ class Settings:
     @property
     def target(self) -> TextureQuality:
         """The quality of textures. With a bit rate, the one that the search starts from."""
-        return replace(self._quality, codec=self.texture_codec)
+        return replace(self._quality, codec=self.texture_codec, weighting=float(self.weighting))
 
     @property
     def _quality(self) -> TextureQuality:
@@ -498,6 +508,7 @@ OPTIONS = {
     "st_sim": "st-sim",
     "bitrate": "bitrate",
     "texture_codec": "texture-codec",
+    "weighting": "weighting",
     "bits": "bits",
     "step": "step",
     "max_error": "max-error",
@@ -519,6 +530,7 @@ USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
     "bitrate": ("bitrate", ("perceptual",)),
     "synthetic_texture": ("synthetic_texture=True", ("perceptual",)),
     "texture_codec": ("texture_codec", ("perceptual",)),
+    "weighting": ("weighting", ("perceptual",)),
     "bits": ("bits", ("paper",)),
     "step": ("step", ("paper",)),
     "cutoff_hz": ("cutoff_hz", ("perceptual", "paper")),

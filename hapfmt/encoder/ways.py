@@ -26,6 +26,7 @@ from ..errors import ParameterError
 from ..format.cluster import Packet
 from ..format.track import Component, Contract, Track
 from ..limits import EXACT_LIMIT, ZERO_LIMIT
+from ..metrics import vibrotactile_threshold
 from ..numbers import clamp
 from ..recording import Calibration, Channel, Span
 from .bounded import code_grid, code_lines
@@ -362,7 +363,7 @@ class Lapped:
 
     def __init__(self, felt: FeltChannel, source: InputBlock, count: float) -> None:
         """The block whose coefficients take the fewest bits, about. count: in the unit."""
-        self.count, self.rate, self.cutoff_hz = count, float(source.rate), felt.cutoff_hz
+        self.felt, self.count, self.rate = felt, count, float(source.rate)
         noise = (felt.first_step / count) ** 2 / 12
         found = []
         for size in BLOCKS:
@@ -378,16 +379,27 @@ class Lapped:
 
     def parameters(self, step: float, weight: int = WEIGHT_ONE) -> TransformParameters:
         counts = step / self.count / sqrt(2 * self.size)
-        weights = b"" if weight == WEIGHT_ONE else self.weights(weight)
+        even = weight == WEIGHT_ONE and not self.felt.weighting
+        weights = b"" if even else self.weights(weight)
         return TransformParameters(self.size, clamp(round(UNIT * counts), 1, STEP_MOST), weights)
 
     def weights(self, weight: int) -> bytes:
-        """The weight, for bands that begin below SLOW_BAND times the split frequency."""
-        slow = SLOW_BAND * self.cutoff_hz
-        most = min(self.size, WEIGHTS_LIMIT)
-        bands = min(1 << ceil(log2(max(self.rate / slow, 2))), most)
-        slow_bands = min(ceil(slow / (self.rate / 2 / bands)), bands)
-        return bytes([weight] * slow_bands + [WEIGHT_ONE] * (bands - slow_bands))
+        """Weights of bands: the steps that a person feels alike, times the weight for bands that
+        begin below SLOW_BAND times the split frequency."""
+        slow = SLOW_BAND * self.felt.cutoff_hz
+        bands = min(self.size, WEIGHTS_LIMIT)
+        if not self.felt.weighting:
+            bands = min(1 << ceil(log2(max(self.rate / slow, 2))), bands)
+        width = self.rate / 2 / bands
+        factors = self.thresholds(np.arange(0.5, bands) * width) ** self.felt.weighting
+        factors[: min(ceil(slow / width), bands)] *= weight / WEIGHT_ONE
+        return bytes(np.clip(np.rint(WEIGHT_ONE * factors), 0, 255).astype(np.uint8))
+
+    def thresholds(self, hz: Doubles) -> Doubles:
+        """Thresholds of vibration, as multiples of the least one. Below the split frequency
+        they count as at it: a slow force is no vibration."""
+        found = vibrotactile_threshold(np.maximum(hz, self.felt.cutoff_hz), self.felt.moves)
+        return np.asarray(found / found.min())
 
     def code(self, track: Track, step: float, weight: int) -> Coded | None:
         """None where coefficients are too large for the codec.

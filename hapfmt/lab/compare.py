@@ -15,7 +15,7 @@ from ..encoder.plan import quantity_of
 from ..encoder.settings import FORCE_WEBER, RANGE_FLOOR, WEBER_LIMITS
 from ..errors import ParameterError
 from ..metrics import (
-    Quantity,
+    MOVES,
     band_energy_error_db,
     max_in_deadbands,
     require_package,
@@ -41,15 +41,6 @@ together."""
 MEASURED_S = 60
 """Perceptual measures use at most this many seconds of that run: 0.3 s of work and 60 MB a channel.
 """
-
-MOVES: dict[str, Quantity] = {
-    "position": "displacement",
-    "velocity": "velocity",
-    "acceleration": "acceleration",
-    "force": "acceleration",
-    "torque": "acceleration",
-}
-"""Quantities for which the threshold of vibration is known. A force accelerates what is held."""
 
 
 @dataclass

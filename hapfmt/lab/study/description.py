@@ -70,7 +70,8 @@ Amount = float | Annotated[str, Meta(max_length=40, examples=["2lsb", "0.2%"])]
 """A number, or text with a unit."""
 CODING = (
     "preset", "k", "floor", "step", "max_error", "bits", "cutoff_hz", "interpolation",
-    "quality", "snr", "st_sim", "bitrate", "texture_codec", "synthetic_texture",
+    "quality", "snr", "st_sim", "bitrate", "texture_codec", "weighting",
+    "synthetic_texture",
 )  # fmt: skip
 Word = Annotated[str, Meta(min_length=1, max_length=80)]
 Scale = tuple[Word, Word, Word, Word, Word]
@@ -132,6 +133,7 @@ class Condition(Description, frozen=True):
     st_sim: Annotated[float, above(0, 1, "similarity ST-SIM of the texture")] | None = None
     bitrate: Annotated[float, above(0, 1e6, "kbit/s of the file")] | None = None
     texture_codec: Annotated[TextureCodec, what("the only codec of textures")] | None = None
+    weighting: Annotated[float, within(0, 1, "power of the threshold of vibration")] | None = None
     synthetic_texture: (
         Annotated[Literal[True], what("a model of the texture, not its samples")] | None
     ) = None
