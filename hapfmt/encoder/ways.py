@@ -396,8 +396,8 @@ class Lapped:
         return bytes(np.clip(np.rint(WEIGHT_ONE * factors), 0, 255).astype(np.uint8))
 
     def thresholds(self, hz: Doubles) -> Doubles:
-        """Thresholds of vibration, as multiples of the least one. Below the split frequency
-        they count as at it: a slow force is no vibration."""
+        """Thresholds of vibration, as multiples of the least one. Frequencies below the split
+        frequency take its threshold, because the curve holds for vibrations only."""
         found = vibrotactile_threshold(np.maximum(hz, self.felt.cutoff_hz), self.felt.moves)
         return np.asarray(found / found.min())
 
