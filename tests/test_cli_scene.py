@@ -9,6 +9,7 @@ import pytest
 from commands import run
 
 import hapfmt
+from hapfmt.encoder.settings import preset_of
 
 
 def told(done) -> dict:
@@ -60,7 +61,8 @@ def test_the_preset_of_a_file(tmp_path):
         name = f"{preset}.hapf"
         got = told(run("scene", "sand", name, "--seconds", 1, *given, "--json", cwd=tmp_path))
         assert got["preset"] == preset
-        assert hapfmt.read(tmp_path / name).metadata["encoder"].endswith(f": {preset}")
+        text = hapfmt.read(tmp_path / name).metadata["encoder"]
+        assert preset_of(text) == preset and ("(texture 2" in text) is bool(given)
 
 
 def test_the_same_again(tmp_path):

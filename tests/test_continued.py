@@ -318,7 +318,7 @@ class TestUnknown:
         tlvs = f.tlv(16, f.deadband(entries=[(1, 0)] * fields.get("component_count", 2)))
         strange = (
             "TRAK",
-            f.trak(tlvs, **({"component_count": 2, "codec": b"MDCT", "continues": 0} | fields)),
+            f.trak(tlvs, **({"component_count": 2, "codec": b"NEWC", "continues": 0} | fields)),
             {"track": 1},
         )
         data = f.closed(
@@ -336,7 +336,7 @@ class TestUnknown:
             )
 
     def test_that_fits(self):
-        strange = ("TRAK", f.trak(b"", continues=0, codec=b"MDCT"), {"track": 1})
+        strange = ("TRAK", f.trak(b"", continues=0, codec=b"NEWC"), {"track": 1})
         data = f.closed(HEAD, f.TRACK_0, strange, f.DATA_0)
         assert verify(data).verdict == "unsupported"
         assert samples(data) is None

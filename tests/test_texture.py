@@ -32,9 +32,12 @@ from hapfmt.encoder.texture import widest
 from hapfmt.encoder.unit import decoded_pieces
 from hapfmt.encoder.ways import CodedTrial, Way, ways_of
 from hapfmt.errors import MissingExtraError
+from hapfmt.kernels import compiled
 from hapfmt.metrics import snr_hf_db, snr_weighted_db, st_sim
 from hapfmt.recording import Span
 from hapfmt.split import slow_for_telling
+
+pytestmark = pytest.mark.skipif(compiled is None, reason="minutes without the extension")
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 MILLI = Calibration(1, 0, 1000)
@@ -378,6 +381,13 @@ class TestOneCodec:
             for codec in (None, "LPCR", "MDCT")
         }
         assert sizes[None] <= min(sizes.values()) + 32  # the metadata name the option
+
+    @pytest.mark.parametrize("codec", [None, "MDCT"])
+    def test_without_the_extension_only_who_asks_gets_mdct(self, codec, monkeypatch):
+        monkeypatch.setattr("hapfmt.encoder.ways.compiled", None)
+        _, back, _ = decided(counted(texture()), snr=15, texture_codec=codec)
+        asked = decided(counted(texture()), snr=15, texture_codec=codec or "LPCR")[1]
+        assert np.array_equal(back.stored, asked.stored)
 
     @pytest.mark.parametrize("given", [{"texture": False}, {"synthetic_texture": True}])
     def test_what_does_not_go_together(self, given):
