@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import os
 import re
 import shutil
@@ -331,6 +332,8 @@ def cluster(workers: int | None, address: str | None, tell: Tell | None = None) 
         "distributed.admin.tick.limit": "1h",
         **ALLOCATOR,
     }
+    # The client logs a traceback for a lost connection; our error is one line.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL + 1)
     with dask.config.set(quiet), ExitStack() as stack:
         if address is None:
             with held_back(signal.SIGINT):
