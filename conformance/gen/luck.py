@@ -38,3 +38,15 @@ class Luck:
 
     def bytes(self, size: int) -> bytes:
         return bytes(self.below(256) for _ in range(size))
+
+
+def walk(n: int, size: int, seed: int) -> list[int]:
+    """A walk of random steps that returns."""
+    luck = Luck(seed)
+    x = v = 0
+    out = []
+    for _ in range(n):
+        v = 19 * v // 20 - x // 50 + 5 * luck.bell(size) // 2
+        x += v
+        out.append(x // 50)
+    return out

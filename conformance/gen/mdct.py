@@ -74,15 +74,3 @@ def some(seed: int, kept: int, blocks: int, *sizes: int) -> list[list[int]]:
         [luck.between(-size, size) for size in [luck.choice(sizes) for _ in range(kept)]]
         for _ in range(blocks)
     ]
-
-
-def texture(n: int, size: int, seed: int) -> list[int]:
-    """What wanders and returns."""
-    luck = Luck(seed)
-    x = v = 0
-    out = []
-    for _ in range(n):
-        v = 19 * v // 20 - x // 50 + 5 * luck.bell(size) // 2
-        x += v
-        out.append(x // 50)
-    return out

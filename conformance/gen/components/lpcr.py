@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import page
 from lpcr import EVEN
-from luck import Luck
+from luck import walk
 
 from .component import Case, Component, also, tried
 
@@ -19,20 +19,8 @@ def whole_packet(name: str, data: bytes, span: int, width: int = 1, last: int = 
     return tried(case, lambda: {"indices": page.decode_packet(data, span, last, width)})
 
 
-def wave(n: int, size: int, seed: int) -> list[int]:
-    """A walk of random steps that returns."""
-    rng = Luck(seed)
-    x = v = 0
-    out = []
-    for _ in range(n):
-        v = 19 * v // 20 - x // 50 + 5 * rng.bell(size) // 2
-        x += v
-        out.append(x // 50)
-    return out
-
-
 def packets() -> Component:
-    slow = wave(60, 100, 6)
+    slow = walk(60, 100, 6)
     other = [(3 * x) // 4 + t % 3 for t, x in enumerate(slow)]
     ks = [113, -110]
     held = [x for x in slow[:12] for _ in range(5)]

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Iterator
 
 import page_transform as mdct
-from luck import Luck
+from luck import Luck, walk
 from page_transform import LARGEST, TABLE, wave
 
 from .component import Case, Component, also, tried
@@ -124,18 +124,6 @@ def packet(name: str, data: bytes, span: int, m: int = 5, step: int = 256, width
     return tried(case, run)
 
 
-def wanders(n: int, size: int, seed: int) -> list[int]:
-    """A walk of random steps that returns."""
-    luck = Luck(seed)
-    x = v = 0
-    out = []
-    for _ in range(n):
-        v = 19 * v // 20 - x // 50 + 5 * luck.bell(size) // 2
-        x += v
-        out.append(x // 50)
-    return out
-
-
 def of_signal(counts, m: int, step: int, base: int = 0, kept: int | None = None, weights=(),
               **given) -> bytes:  # fmt: skip
     """The component packet of an encoder that takes the next integer each time."""
@@ -153,7 +141,7 @@ def some(seed: int, kept: int, blocks: int, *sizes: int) -> list[list[int]]:
 
 
 def packets() -> Component:
-    slow = wanders(100, 100, 6)
+    slow = walk(100, 100, 6)
     e, p, s = mdct.encode, mdct.encode_packet, mdct.steps(5, 256)
     huge, least = some(1, 5, 9, 0, 9, 4000, 2**20), mdct.steps(5, 1)
     rows: list[tuple] = [

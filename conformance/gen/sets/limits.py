@@ -294,7 +294,7 @@ def nested(count: int) -> bytes:
 
 
 def zero_coefficients(count: int) -> bytes:
-    """The component packet of so many zeros: all have the context 0, in the state 0."""
+    """A component packet of ``count`` zeros, which all have context 0 and state 0."""
     x, words = 2**16, []
     width = page.class_ends(10, 0)[0]
     for _ in range(count):

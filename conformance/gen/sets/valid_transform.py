@@ -7,8 +7,8 @@ from functools import partial
 
 from case import Case
 from facts import Track, case_of
-from luck import Luck
-from mdct import Shape, component, packet, signal, some, texture, track
+from luck import Luck, walk
+from mdct import Shape, component, packet, signal, some, track
 from page_transform import LARGEST
 
 from sets.valid_knots import packet as knots
@@ -46,7 +46,7 @@ def blocks() -> Iterator[Case]:
     )  # fmt: skip
     for m in range(5, 10):
         shape, size = Shape(m, 512 >> m - 5), 2**m
-        noise = texture(2 * size + 9, 300, m)
+        noise = walk(2 * size + 9, 300, m)
         yield valid(
             f"mdct-blocks-of-{size}",
             f"A signal in three blocks of {size} coefficients, the last one cut.",
@@ -145,7 +145,7 @@ def integers() -> Iterator[Case]:
 
 
 def parameters() -> Iterator[Case]:
-    noise = texture(200, 200, 41)
+    noise = walk(200, 200, 41)
     weighted = Shape(5, 300, (8, 32, 100, 255))
     yield valid(
         "mdct-weights", "Four weights: bands of eight coefficients.", ["MDC-001", "CNV-001"],
@@ -166,7 +166,7 @@ def parameters() -> Iterator[Case]:
         track(packet(component(some(3, 512, 2, 0, 0, 30), most), span=700, shape=most,
                      clamped=WIDE), shape=most, clamped=WIDE),
     )  # fmt: skip
-    two = [texture(130, 100, 42), texture(130, 40, 43)]
+    two = [walk(130, 100, 42), walk(130, 40, 43)]
     parts = [signal(two[0], near=9), component([], base=5), signal(two[1], kept=9, classes=(2, 4))]
     yield valid(
         "mdct-components",
@@ -180,7 +180,7 @@ def parameters() -> Iterator[Case]:
               clamped=(-90, 95)),
     )  # fmt: skip
     slow = knots([(0, 50), (40, -30), (90, 10)], [50] * 40 + [-30] * 50 + [10] * 38)
-    fast = packet(signal(texture(128, 60, 44), base=0), span=128, clamped=(-60, 60))
+    fast = packet(signal(walk(128, 60, 44), base=0), span=128, clamped=(-60, 60))
     yield valid(
         "mdct-residual", "The texture of an LF track.", ["DEC-001", "TRK-007"],
         Track(kind="lf", packets=[slow]), track(fast, kind="hf", base=0, id=1, clamped=(-60, 60)),
