@@ -327,6 +327,19 @@ class TestWays:
             ]
             assert max(abs(np.diff(np.log(errors)))) < 0.12
 
+    @pytest.mark.parametrize("codec", ["LPCR", "MDCT"])
+    def test_values_whose_own_grid_is_far_finer(self, codec):
+        """Decimals of nine digits have 31-bit counts, too large for MDCT: a coarser grid does."""
+        x = np.round(texture(), 9)
+        recording, stream = Recording((doubles(x),)), io.BytesIO()
+        settings = Settings.of("perceptual", snr=15, texture_codec=codec, smallest=False)
+        hapfmt.write(recording, stream, settings, canonical=1)
+        assert hapfmt.verify(stream.getvalue(), against=recording).verdict == "intact"
+        with hapfmt.Reader(stream.getvalue()) as reader:
+            assert codec in {track.codec for track in reader.catalogue.tracks.values()}
+        y = hapfmt.read(stream.getvalue()).channels[0].samples()
+        assert 15 <= snr_hf_db(x, y, 1000) <= 15 * (1 + CLOSE)
+
     def test_own_grid_of_few_values(self) -> None:
         """Differences of encoder counts: steps that are no multiples took 20 to 40 % more."""
         rng = np.random.default_rng(2)

@@ -114,7 +114,7 @@ def ways_of(
     asked = codec == "MDCT" or promise.texture.weighting > 0
     predicted, transformed = codec != "MDCT", asked or (codec is None and compiled is not None)
     step, source = felt.first_step, felt.source.channels[0]
-    finer = finer_for(source, step)
+    finer = coarser_for(original, source, step) or finer_for(source, step)
     if predicted:
         yield way_of_whole(felt, original, first_channel)
     if transformed:
@@ -177,6 +177,16 @@ def finer_for(channel: Channel, step: float) -> Channel:
                 return finer
         times //= 2
     return channel
+
+
+def coarser_for(original: Channel, channel: Channel, step: float) -> Channel | None:
+    """Floating-point values on a coarser grid, where theirs is far finer than the step: counts of
+    29 bits are too large for MDCT. None: the grid suits."""
+    assert channel.calibration is not None
+    if original.is_counts or step < FINEST * float(abs(channel.calibration.step)):
+        return None
+    found = on_uniform_grid(original, step / FINER / 2)
+    return found and found[0]
 
 
 def way_of_counts(felt: FeltChannel, channel: Channel, first_channel: int) -> Way:
