@@ -25,7 +25,7 @@ LAYERS = (
     "format",
     "codecs",
     "reading",
-    "convert analysis",
+    "convert analysis viewer",
     "encoder",
     "writing",
     "edit replay",

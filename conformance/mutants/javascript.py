@@ -1,5 +1,5 @@
 """Mistakes that JavaScript invites: one number type, 32 bits in its operators, truncation, sorting
-as texts. Each is a line of the adapter in adapters/js."""
+as texts. Each is a line of the decoder in hapfmt/viewer/decoder."""
 
 from __future__ import annotations
 

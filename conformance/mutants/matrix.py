@@ -21,7 +21,9 @@ from runner.running import FAILED, Result, run_case
 from .mutant import Mutant
 from .workers import SECONDS, Worker
 
-JAVASCRIPT = Path(__file__).resolve().parent.parent / "adapters" / "js"
+ROOT = Path(__file__).resolve().parent.parent.parent
+ADAPTER = Path("conformance", "adapters", "js")
+JAVASCRIPT = Path("hapfmt", "viewer")  # its decoder
 
 
 class Forked(Implementation):
@@ -49,10 +51,11 @@ class Patched(Implementation):
 
     def __init__(self, mutant: Mutant | None = None) -> None:
         self.room = Path(tempfile.mkdtemp(prefix="hapf-mutant-"))
-        copy = shutil.copytree(JAVASCRIPT, self.room / "js")
+        for folder in (ADAPTER, JAVASCRIPT):
+            shutil.copytree(ROOT / folder, self.room / folder)
         if mutant is not None:
-            mutant.apply_to(copy)
-        super().__init__(["node", str(copy / "cli.js")], Caps(SECONDS))
+            mutant.apply_to(self.room / JAVASCRIPT / "decoder")
+        super().__init__(["node", str(self.room / ADAPTER / "cli.js")], Caps(SECONDS))
 
     def close(self) -> None:
         super().close()

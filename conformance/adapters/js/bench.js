@@ -1,7 +1,7 @@
 // Decoding speed: node bench.js FILE [seconds] prints samples per second, of all tracks and of each codec.
 import { readFileSync } from 'node:fs';
-import { decodePacket } from './codecs.js';
-import { openFile } from './file.js';
+import { decodePacket } from '../../../hapfmt/viewer/decoder/codecs.js';
+import { openFile } from '../../../hapfmt/viewer/decoder/file.js';
 
 const [path, seconds = '2'] = process.argv.slice(2);
 if (path === undefined) {

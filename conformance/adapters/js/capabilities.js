@@ -1,5 +1,5 @@
 // What the verb `capabilities` tells.
-import { CODECS } from './codecs.js';
+import { CODECS } from '../../../hapfmt/viewer/decoder/codecs.js';
 import { MODES } from './encode.js';
 
 export const capabilities = {

@@ -4,16 +4,16 @@ import { closeSync, openSync, readFileSync, writeFileSync, writeSync } from 'nod
 import { dirname, join } from 'node:path';
 import { createInterface } from 'node:readline';
 import { capabilities } from './capabilities.js';
-import { checkContracts } from './contract.js';
-import { decodeFile } from './decode.js';
+import { checkContracts } from '../../../hapfmt/viewer/decoder/contract.js';
+import { decodeFile } from '../../../hapfmt/viewer/decoder/decode.js';
 import { encodeJob } from './encode.js';
-import { HapfError } from './error.js';
-import { openFile } from './file.js';
-import { writeJson } from './json.js';
+import { HapfError } from '../../../hapfmt/viewer/decoder/error.js';
+import { openFile } from '../../../hapfmt/viewer/decoder/file.js';
+import { writeJson } from '../../../hapfmt/viewer/decoder/json.js';
 import { decodeOutput } from './output.js';
-import { recoverFile } from './recover.js';
-import { EXIT_CODES, judge, reportOf, settle } from './report.js';
-import { guarded, noteOf, verifyFile } from './verify.js';
+import { recoverFile } from '../../../hapfmt/viewer/decoder/recover.js';
+import { EXIT_CODES, judge, reportOf, settle } from '../../../hapfmt/viewer/decoder/report.js';
+import { guarded, noteOf, verifyFile } from '../../../hapfmt/viewer/decoder/verify.js';
 
 const USAGE = `cli.js capabilities
 cli.js decode IN OUT

@@ -1,6 +1,6 @@
 // An encoder of EVNT (9.9).
-import { putVarint } from './bytes.js';
-import { unsupported } from './error.js';
+import { putVarint } from '../../../hapfmt/viewer/decoder/bytes.js';
+import { unsupported } from '../../../hapfmt/viewer/decoder/error.js';
 
 const SPAN_BOUND = 2 ** 24;
 const EVENT_BOUND = 65536;

@@ -1,8 +1,8 @@
 // An encoder of component packets of LPCR (9.5): it tries orders and keeps what is shortest.
-import { putSvarint } from './bytes.js';
+import { putSvarint } from '../../../hapfmt/viewer/decoder/bytes.js';
 import { EntropyEncoder, probabilityOf, startOf } from './entropy-encoder.js';
-import { HapfError } from './error.js';
-import { predictExact, predictQuick, predictorOf, quickBound } from './predictor.js';
+import { HapfError } from '../../../hapfmt/viewer/decoder/error.js';
+import { predictExact, predictQuick, predictorOf, quickBound } from '../../../hapfmt/viewer/decoder/predictor.js';
 
 const ERROR_BOUND = 2 ** 34;
 const ORDERS = [4, 8, 16];

@@ -1,12 +1,12 @@
 // The tracks of the encoder: grid, description (6.3) and packets of each.
-import { putSvarint, putVarint } from './bytes.js';
-import { NO_TRACK } from './chunk.js';
-import { decodePacket, parseParameters } from './codecs.js';
+import { putSvarint, putVarint } from '../../../hapfmt/viewer/decoder/bytes.js';
+import { NO_TRACK } from '../../../hapfmt/viewer/decoder/chunk.js';
+import { decodePacket, parseParameters } from '../../../hapfmt/viewer/decoder/codecs.js';
 import { encodeComponent } from './encode-lpcr.js';
-import { HapfError, unsupported } from './error.js';
-import { floorDivBig } from './integers.js';
-import { WORD_SIZES } from './rawb.js';
-import { checkCalibration } from './values.js';
+import { HapfError, unsupported } from '../../../hapfmt/viewer/decoder/error.js';
+import { floorDivBig } from '../../../hapfmt/viewer/decoder/integers.js';
+import { WORD_SIZES } from '../../../hapfmt/viewer/decoder/rawb.js';
+import { checkCalibration } from '../../../hapfmt/viewer/decoder/values.js';
 
 const FORMATS = ['counts', 'int64', 'uint64', 'binary16', 'binary32', 'binary64'];
 const KINDS = { full: 0, events: 3 };

@@ -1,13 +1,13 @@
 // The verb `encode`: a job of conformance/README.md as a file (clause 15). Each channel is a track of its own: counts
 // by LPCR, without loss or on the grid of a contract, words as they are.
-import { randomId } from './chunk.js';
-import { TrackDigest } from './digest.js';
+import { randomId } from '../../../hapfmt/viewer/decoder/chunk.js';
+import { TrackDigest } from '../../../hapfmt/viewer/decoder/digest.js';
 import { encodeEvents } from './encode-events.js';
 import { describe, emptyTrack, encodeTrack, makeTrack, needsLevel2, refuse } from './encode-tracks.js';
-import { durationNs, packetMs } from './indexes.js';
-import { writeJson } from './json.js';
-import { TRACK_BOUND, limitsOf } from './limits.js';
-import { Writer } from './writer.js';
+import { durationNs, packetMs } from '../../../hapfmt/viewer/decoder/indexes.js';
+import { writeJson } from '../../../hapfmt/viewer/decoder/json.js';
+import { TRACK_BOUND, limitsOf } from '../../../hapfmt/viewer/decoder/limits.js';
+import { Writer } from '../../../hapfmt/viewer/decoder/writer.js';
 
 export const MODES = ['lossless', 'deadband'];
 

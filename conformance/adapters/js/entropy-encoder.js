@@ -1,6 +1,6 @@
 // The encoder of 9.4: sections of symbols are noted, and coded from the last to the first.
-import { BUCKET_BITS, EDGES, averageFrom, classEnds, contextOf } from './entropy.js';
-import { POWERS, bitLength } from './integers.js';
+import { BUCKET_BITS, EDGES, averageFrom, classEnds, contextOf } from '../../../hapfmt/viewer/decoder/entropy.js';
+import { POWERS, bitLength } from '../../../hapfmt/viewer/decoder/integers.js';
 
 const LEAST = 65536;
 const MANY = 4096; // symbols from which on four states are taken

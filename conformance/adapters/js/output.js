@@ -1,7 +1,7 @@
 // What the verb `decode` writes: decode.json and the files of numbers, 8 bytes each, little-endian.
-import { channelsOf } from './channels.js';
-import { hex, sha256 } from './sha256.js';
-import { physicalValue } from './values.js';
+import { channelsOf } from '../../../hapfmt/viewer/decoder/channels.js';
+import { hex, sha256 } from '../../../hapfmt/viewer/decoder/sha256.js';
+import { physicalValue } from '../../../hapfmt/viewer/decoder/values.js';
 
 const BLOCK = 65536;
 

@@ -1,21 +1,21 @@
 // Checks of conformance/components: one function for each component, from a case to what came out of it, in the same
 // form as the case has it. What throws a HapfError is compared with `error`.
-import { Reader } from './bytes.js';
-import { decodeEvents, decodePacket, parseParameters } from './codecs.js';
-import { seedOf } from './chunk.js';
-import { crc32 } from './crc32.js';
-import { TrackDigest } from './digest.js';
-import { valueRule } from './exact.js';
-import { DeadbandGrid, UniformGrid } from './grid.js';
-import { clamp, floorDiv, floorDivBig, rdiv, rdivBig } from './integers.js';
-import { decodeIndices } from './lpcr.js';
-import { movePlace } from './lpcx.js';
-import { COSINES, Coefficients, cosine, decodeTransformed, readHeader, transformOf } from './mdct.js';
-import { Lattice, gainOf, noiseAt } from './nois.js';
-import { SINES, predictorOf } from './predictor.js';
-import { makeCode, readCodebook } from './quan.js';
-import { CONTEXTS, EntropyDecoder, classEnds, lengthEnds } from './entropy.js';
-import { hex, sha256 } from './sha256.js';
+import { Reader } from '../../../hapfmt/viewer/decoder/bytes.js';
+import { decodeEvents, decodePacket, parseParameters } from '../../../hapfmt/viewer/decoder/codecs.js';
+import { seedOf } from '../../../hapfmt/viewer/decoder/chunk.js';
+import { crc32 } from '../../../hapfmt/viewer/decoder/crc32.js';
+import { TrackDigest } from '../../../hapfmt/viewer/decoder/digest.js';
+import { valueRule } from '../../../hapfmt/viewer/decoder/exact.js';
+import { DeadbandGrid, UniformGrid } from '../../../hapfmt/viewer/decoder/grid.js';
+import { clamp, floorDiv, floorDivBig, rdiv, rdivBig } from '../../../hapfmt/viewer/decoder/integers.js';
+import { decodeIndices } from '../../../hapfmt/viewer/decoder/lpcr.js';
+import { movePlace } from '../../../hapfmt/viewer/decoder/lpcx.js';
+import { COSINES, Coefficients, cosine, decodeTransformed, readHeader, transformOf } from '../../../hapfmt/viewer/decoder/mdct.js';
+import { Lattice, gainOf, noiseAt } from '../../../hapfmt/viewer/decoder/nois.js';
+import { SINES, predictorOf } from '../../../hapfmt/viewer/decoder/predictor.js';
+import { makeCode, readCodebook } from '../../../hapfmt/viewer/decoder/quan.js';
+import { CONTEXTS, EntropyDecoder, classEnds, lengthEnds } from '../../../hapfmt/viewer/decoder/entropy.js';
+import { hex, sha256 } from '../../../hapfmt/viewer/decoder/sha256.js';
 
 const COUNT_BOUND = 2 ** 24; // of level 1
 const WIDE = 2 ** 31;

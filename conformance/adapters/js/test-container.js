@@ -1,13 +1,13 @@
 // Checks of conformance/components about chunks and times, as in test-components.js.
-import { readClock, readMap } from './ancillary.js';
-import { clusterSeed, seedOf } from './chunk.js';
-import { hasCrc, placePackets, readTable, tableFaults } from './cluster.js';
-import { checkContracts } from './contract.js';
-import { broken } from './error.js';
-import { limitsOf } from './limits.js';
-import { readStrings } from './lists.js';
-import { salvage } from './salvage.js';
-import { firstTick, secondsOf, tickOfTime, timeOfTick } from './times.js';
+import { readClock, readMap } from '../../../hapfmt/viewer/decoder/ancillary.js';
+import { clusterSeed, seedOf } from '../../../hapfmt/viewer/decoder/chunk.js';
+import { hasCrc, placePackets, readTable, tableFaults } from '../../../hapfmt/viewer/decoder/cluster.js';
+import { checkContracts } from '../../../hapfmt/viewer/decoder/contract.js';
+import { broken } from '../../../hapfmt/viewer/decoder/error.js';
+import { limitsOf } from '../../../hapfmt/viewer/decoder/limits.js';
+import { readStrings } from '../../../hapfmt/viewer/decoder/lists.js';
+import { salvage } from '../../../hapfmt/viewer/decoder/salvage.js';
+import { firstTick, secondsOf, tickOfTime, timeOfTick } from '../../../hapfmt/viewer/decoder/times.js';
 
 const bytesOf = (text) => Uint8Array.from(text.match(/../g) ?? [], (pair) => parseInt(pair, 16));
 const LEVEL = limitsOf(1);

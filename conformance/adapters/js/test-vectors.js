@@ -1,11 +1,11 @@
 // Checks of conformance/vectors: the verdict on a file and what it decodes to, compared with conformance/expected.
-import { decodeFile } from './decode.js';
-import { HapfError } from './error.js';
-import { openFile } from './file.js';
+import { decodeFile } from '../../../hapfmt/viewer/decoder/decode.js';
+import { HapfError } from '../../../hapfmt/viewer/decoder/error.js';
+import { openFile } from '../../../hapfmt/viewer/decoder/file.js';
 import { decodeOutput } from './output.js';
-import { EXIT_CODES } from './report.js';
-import { Sha256, hex } from './sha256.js';
-import { verifyFile } from './verify.js';
+import { EXIT_CODES } from '../../../hapfmt/viewer/decoder/report.js';
+import { Sha256, hex } from '../../../hapfmt/viewer/decoder/sha256.js';
+import { verifyFile } from '../../../hapfmt/viewer/decoder/verify.js';
 
 function rawOf(chunks) {
   const digest = new Sha256();

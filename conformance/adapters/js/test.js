@@ -1,7 +1,7 @@
 // Runs the component vectors and the files: node test.js [name ...]. Exit code 1 where one fails.
 import { existsSync, readFileSync, readdirSync } from 'node:fs';
 import { fileURLToPath } from 'node:url';
-import { HapfError } from './error.js';
+import { HapfError } from '../../../hapfmt/viewer/decoder/error.js';
 import { components as codecs } from './test-components.js';
 import { containers } from './test-container.js';
 import { checkFile } from './test-vectors.js';
