@@ -4,8 +4,8 @@
 %(prog)s --impl ... --set valid --case "knot-*"
 %(prog)s                          those of this repository, or hapfmt where it is installed
 
-README.md says what the verbs write; --where prints its folder. Ends with 0 where everything that was
-tested is as expected, 1 where something is not, 2 where an implementation cannot be run.
+README.md says what the verbs write; --where prints its folder. Ends with 0 where everything that
+was tested is as expected, 1 where something is not, 2 where an implementation cannot be run.
 """
 
 from __future__ import annotations
