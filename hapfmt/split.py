@@ -51,7 +51,7 @@ _PROTOTYPE: dict[Filter, tuple[tuple[complex, ...], float]] = {
     "butter1": ((-1 + 0j,), 1.0),
 }
 """Poles, and their product, of the analog filter that is 3 dB down at 1 rad/s. Those of Bessel are
-the roots of its polynomial over _BESSEL4_HALF."""
+the roots of its polynomial, divided by _BESSEL4_HALF."""
 
 CASCADE_RATIO: dict[Filter, float] = {
     "bessel4": _BESSEL4_HALF / _BESSEL4_ROOT,
@@ -148,7 +148,10 @@ def _by_sections(
 def filtered(
     sections: NDArray[np.float64], state: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Each of ``rows`` [columns, ticks] through all sections, from its state [columns, sections, 2].
+    """Each row [ticks] through all sections, from its state.
+
+    rows, state
+        [columns, ticks] and [columns, sections, 2].
 
     sections
         [sections, 6]: b0, b1, b2, 1, a1, a2, each a direct form II, transposed.
@@ -167,9 +170,8 @@ def filtered_plain(
     """What :func:`filtered` does, to be read."""
     out = np.empty(rows.shape)
     for column, row in enumerate(rows.tolist()):
-        for (b0, b1, b2, _, a1, a2), (first, second) in zip(
-            sections.tolist(), state[column].tolist(), strict=True
-        ):
+        for section, held in zip(sections.tolist(), state[column].tolist(), strict=True):
+            (b0, b1, b2, _, a1, a2), (first, second) = section, held
             for n, given in enumerate(row):
                 made = b0 * given + first
                 first = b1 * given - a1 * made + second
@@ -181,8 +183,8 @@ def filtered_plain(
 
 @lru_cache(maxsize=8)
 def _sections(cutoff: float, filter: Filter) -> NDArray[np.float64]:
-    """[sections, 6] of one pass, -3 dB at ``cutoff`` cycles per sample: bilinear, without delay-free
-    loops. The pair of poles that is nearest to the unit circle comes last."""
+    """[sections, 6] of one pass, -3 dB at ``cutoff`` cycles per sample: bilinear. The pair of poles
+    that is nearest to the unit circle comes last."""
     poles, gain = _PROTOTYPE[filter]
     warped = 4 * float(np.tan(pi * cutoff))
     analog = warped * np.array(poles)
@@ -225,11 +227,10 @@ def _reflected(y: NDArray[np.float64]) -> NDArray[np.float64]:
 def slow_for_telling(
     x: NDArray[np.float64], rate_hz: float, cutoff_hz: float = LF_CUTOFF_HZ
 ) -> NDArray[np.float64]:
-    """The slow part of counts, [ticks, components], for reports only.
+    """The slow part of counts, [ticks, components], against which texture is judged.
 
-    It is that of :func:`low_pass`, by the cosines of any length and from NumPy alone. Importing
-    SciPy's filters takes 0.6 s and 74 MB, which only a real split needs. Up to a cutoff of a fifth
-    of the rate both are within 1e-11 of the largest count; beyond, edges are less alike.
+    It is that of :func:`low_pass`, by the cosines of any length. Up to a cutoff of a fifth of the
+    rate both are within 1e-11 of the largest count; beyond, edges are less alike.
     """
     n, ratio = x.shape[0], float(cutoff_hz) / float(rate_hz)
     if n < 3 or 2 * cutoff_hz >= rate_hz:

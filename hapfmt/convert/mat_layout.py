@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..clocks import ClockMap, ClockObservation
-from ..errors import LimitError, ParameterError
+from ..errors import LimitError, MissingExtraError, ParameterError
 from ..limits import TICK_LIMIT
 from ..numbers import checked_rate
 from ..recording import (

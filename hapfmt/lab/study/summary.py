@@ -11,7 +11,7 @@ numbers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan, cos, pi, sin, sqrt, tan
+from math import cos, pi, sin, sqrt, tan
 from typing import Any, NamedTuple
 
 import numpy as np
