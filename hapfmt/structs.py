@@ -67,7 +67,7 @@ class Key(NamedTuple):
     """A key of a Struct."""
 
     name: str
-    """Of the field."""
+    """The name that the field has in Python."""
     key: str
     type: Any
     default: Any

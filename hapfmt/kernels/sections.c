@@ -25,8 +25,8 @@ static void filter_one(const double *sections, Py_ssize_t count, const double *s
     }
 }
 
-/* (sections: float64 [count, 6], state: float64 [columns, count, 2], x: float64 [columns, ticks]); x is
-   replaced by what the sections make of it, each column from its own state. */
+/* (sections: float64 [count, 6], state: float64 [columns, count, 2], x: float64 [columns, ticks]). Each
+   column of x passes all sections, from its own state; x is overwritten. */
 static PyObject *filter_sections(PyObject *self, PyObject *args)
 {
     Py_buffer sections, state, x;
