@@ -11,7 +11,7 @@ export function faultOf(file, { track, start, stop, offset, size, error }) {
   };
 }
 
-// Of a file that was walked through: its damage, and the rules that it breaks. Without an end, time1 is null.
+// The damage of a file that was walked through, and the rules that it breaks. time1 is null where the end is not known.
 export function damagesOf(file) {
   const found = [];
   const add = ({ code, requirement, message, offset, size }, spans) => {

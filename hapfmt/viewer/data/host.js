@@ -48,7 +48,7 @@ export class Host {
   }
 }
 
-// Buffers that nobody else uses: every answer has arrays of its own.
+// The buffers of an answer. No two answers share one.
 function* buffersOf(value) {
   if (ArrayBuffer.isView(value)) yield value.buffer;
   else if (value && typeof value === 'object') for (const one of Object.values(value)) yield* buffersOf(one);

@@ -28,7 +28,7 @@ export async function knotsBetween(packets, channel, first, stop, signal) {
           rows.push([tick, physical(y), Math.min(...edges), Math.max(...edges)]);
         });
       } catch (error) {
-        // Its samples are missing too, and that is told.
+        // The packet has no samples either, and damage() lists it.
         if (!(error instanceof HapfError)) throw error;
         rows.length = start;
       }

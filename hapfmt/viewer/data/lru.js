@@ -1,4 +1,4 @@
-// What was used last, up to a bound on the sum of the weights.
+// The values that were used last, up to a bound on the sum of their weights.
 
 export class Lru {
   constructor(bound) {

@@ -18,7 +18,7 @@ export class Pyramid {
     this.blockTicks = width * BINS;
     this.blocks = new Map(); // number -> { min, max }
     this.done = new Uint8Array(clusterCount);
-    this.spans = []; // what was put, sorted
+    this.spans = []; // all that put() took, sorted
   }
 
   get weight() {
