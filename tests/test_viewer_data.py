@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(NODE is None, reason="needs node")
 DTYPES = {"Float64Array": np.float64, "Uint8Array": np.uint8}
 
 
-class Failure(Exception):
+class ViewerError(Exception):
     """What the data layer says of a file that it cannot read."""
 
 
@@ -57,7 +57,7 @@ class Viewer:
         if "error" in answer:
             error = answer["error"]
             assert error["kind"] != "internal", error["stack"]
-            raise Failure(error["message"])
+            raise ViewerError(error["message"])
         return unpacked(answer["value"])
 
     def open(self, place: str | Path, kind: str = "bytes") -> Any:
@@ -90,7 +90,10 @@ def check_file(viewer: Viewer, path: Path, facts: Any) -> None:
             rate = wanted.rate_exact
             found = viewer.ask("samples", [channel["index"], 0, 1e9, band])
             same(found["value"], wanted.filled(first, stop))
-            same(found["time"], np.arange(first, stop) * float(rate.denominator) / float(rate.numerator))
+            same(
+                found["time"],
+                np.arange(first, stop) * float(rate.denominator) / float(rate.numerator),
+            )
 
 
 def signals(seconds: float, rate: int, channels: int) -> NDArray[np.float64]:

@@ -201,7 +201,7 @@ export class Session {
     const count = Math.ceil((stop - from) / width);
     const { min, max } = pyramid.query(from, width, count);
     const missing = this.clustersFor(channel.track, first, stop).filter((n) => !pyramid.done[n]);
-    // A cluster that is not read yet is no gap.
+    // The times of clusters that are not read yet do not count as gaps.
     const spans = missing.length ? withPending(pyramid.spans, missing, this.file.clusters, channel.track) : pyramid.spans;
     return { pyramid, result: this.envelopeOf({ ...view, width }, from, min, max, spans, missing.length === 0) };
   }
