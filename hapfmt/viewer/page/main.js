@@ -29,7 +29,7 @@ async function show(source) {
   for (const channel of channels) {
     const label = channel.track.labels[channel.component];
     const unit = channel.track.units[channel.component];
-    const values = channel.parts.flatMap((part) => Array.from(part.numbers()));
+    const values = channel.parts.flatMap((part) => Array.from(part.numbers(), Number));
     const title = `${label || `channel ${channel.channel}`} (${values.length} samples)`;
     const data = [values.map((_, i) => i), values];
     new uPlot({ title, width: 800, height: 160, scales: { x: { time: false } }, series: [{}, { label: unit }] }, data, section);
