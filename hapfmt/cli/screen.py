@@ -462,6 +462,7 @@ GROUPS = {
         "--verbose",
         "--plot",
         "--csv",
+        "--export",
     ),
 }
 """Where an option is shown; all others come first."""
