@@ -2,7 +2,7 @@
 import { Session } from './session.js';
 
 const METHODS = new Set(['samples', 'envelope', 'events', 'damage', 'verify', 'knots', 'bytes', 'stats']);
-const TELL_MS = 120; // between two of a kind
+const TELL_MS = 120; // between two messages of a kind
 const TAKES_PROGRESS = new Set(['verify']);
 
 const errorOf = ({ name, message, requirement = null, offset = null, kind = 'internal' }) => ({ name, message, requirement, offset, kind });
@@ -13,7 +13,7 @@ export class Host {
     this.post = post;
     this.session = null;
     this.running = new Map();
-    this.news = new Map(); // what -> the facts since it was told
+    this.news = new Map(); // what -> the facts since its last message
   }
 
   async take({ id, call, args, cancel }) {
@@ -37,7 +37,7 @@ export class Host {
     }
   }
 
-  // What progresses often is told a few times a second; the last news come in any case.
+  // A few messages of a kind a second, and in any case one with the last facts.
   tell(what, facts) {
     const news = this.news.get(what);
     if (news) {
