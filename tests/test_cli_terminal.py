@@ -111,8 +111,6 @@ def test_output_fits_the_terminal(name: str, columns: int, room: Path, tmp_path:
     words, wanted, code = SHOWN[name]
     folder = tmp_path / "room"
     shutil.copytree(room, folder)
-    if name == "demo":
-        pytest.importorskip("scipy")
     done = run_in_terminal(*words, cwd=folder, columns=columns)
     text = done.stdout.decode()
     assert done.returncode == code, text

@@ -272,6 +272,19 @@ class TestArguments:
             assert compiled.lpcr_encode(*given.values())[0] == 3
 
 
+@built
+@pytest.mark.parametrize(
+    ("sections", "columns", "size"), [(0, 1, 8), (9, 1, 8), (2, 0, 8), (2, 3, 8), (2, 1, 9)]
+)
+def test_sections_that_do_not_fit_are_refused(sections, columns, size):
+    compiled.filter_sections(np.ones((2, 6)), np.ones((2, 2, 2)), np.zeros((2, 4)))
+    compiled.filter_sections(np.ones((2, 6)), np.ones((2, 2, 2)), np.zeros((2, 0)))
+    with pytest.raises(ValueError, match="not sections"):
+        compiled.filter_sections(
+            np.ones((sections, 6)), np.ones((columns, sections, 2)), bytearray(4 * size)
+        )
+
+
 PURE = """
 import io, numpy, hapfmt
 from hapfmt.kernels import compiled
