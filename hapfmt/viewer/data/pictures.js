@@ -150,7 +150,7 @@ export class Pictures {
   }
 
   byOverview(view, { level }, held) {
-    const width = level.size * Math.max(Math.ceil(view.width / level.size), 1);
+    const width = level.size * Math.max(Math.round(view.width / level.size), 1);
     const { from, count } = this.binsFor(view, width);
     const { min, max } = binsOf(held, level, from, width, count);
     const spans = [];
