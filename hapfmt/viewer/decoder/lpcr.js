@@ -3,7 +3,7 @@ import { Reader } from './bytes.js';
 import { EntropyDecoder, readProbabilities, readStart } from './entropy.js';
 import { broken } from './error.js';
 import { readGrid } from './grid.js';
-import { predictExact, predictorOf, predictQuick, quickBound } from './predictor.js';
+import { predictExact, predictorOf, predictQuick, quickBound, sumFour, tapsOf } from './predictor.js';
 
 const ORDER_BOUND = 32;
 
@@ -107,13 +107,18 @@ function checkIndex(index, highest, offset) {
 // From prediction errors to indices: y[t] = pred + e[t], added up g times.
 function integrate(header, c, e, repeated, span, highest, offset, out) {
   const { g, base } = header;
-  const m = c.length;
-  const r = c.slice().reverse();
-  const quick = quickBound(c);
-  const y = new Float64Array(span + m);
+  const taps = tapsOf(c);
+  const { r, width } = taps;
+  const y = new Float64Array(span + width);
   const D = new Float64Array(5); // the differences 0 to g of the tick before
-  let largest = 0; // of the |y| so far
-  for (let t = 0; t < span; t++) {
+  const quick = 2 * highest * 2 ** g < quickBound(c); // no |y| of a prediction is larger than that
+  const ahead = r.subarray(3);
+  const start = quick && width > 0 && repeated === null ? integrateFours(header, taps, e, y, span, highest, offset, out) : 0;
+  if (start > 0) {
+    D[0] = out[start - 1] - base;
+    D[1] = y[start - 1 + width];
+  }
+  for (let t = start; t < span; t++) {
     let v;
     if (repeated !== null && repeated[t] === 1) {
       v = D[0];
@@ -124,17 +129,50 @@ function integrate(header, c, e, repeated, span, highest, offset, out) {
       }
     } else {
       v = e[t];
-      if (m > 0) v += largest < quick ? predictQuick(r, m, y, t) : predictExact(r, m, y, t);
+      if (width > 0) v += quick ? predictQuick(ahead, width, y, t) : predictExact(ahead, width, y, t);
       D[g] = v;
       for (let i = g - 1; i >= 0; i--) D[i] += D[i + 1];
     }
-    y[t + m] = v;
-    if (v > largest) largest = v;
-    else if (-v > largest) largest = -v;
+    y[t + width] = v;
     const index = base + D[0];
     if (index > highest || index < -highest) checkIndex(index, highest, offset);
     out[t] = index;
   }
+}
+
+// The same for as many fours of ticks as there are, without repeats, where all sums are exact; how many ticks.
+function integrateFours({ g, base }, taps, e, y, span, highest, offset, out) {
+  const { r, width } = taps;
+  const c1 = r[width + 2];
+  const c2 = r[width + 1];
+  const c3 = r[width];
+  const sums = new Float64Array(4);
+  const stop = span - (span % 4);
+  let index = base;
+  for (let t = 0; t < stop; t += 4) {
+    sumFour(taps, y, t, sums);
+    const y0 = e[t] + Math.floor(sums[0] * (1 / 8192));
+    const y1 = e[t + 1] + Math.floor((sums[1] + c1 * y0) * (1 / 8192));
+    const y2 = e[t + 2] + Math.floor((sums[2] + c2 * y0 + c1 * y1) * (1 / 8192));
+    const y3 = e[t + 3] + Math.floor((sums[3] + (c3 * y0 + c2 * y1) + c1 * y2) * (1 / 8192));
+    y[t + width] = y0;
+    y[t + width + 1] = y1;
+    y[t + width + 2] = y2;
+    y[t + width + 3] = y3;
+    const i0 = (g === 1 ? index : base) + y0;
+    const i1 = (g === 1 ? i0 : base) + y1;
+    const i2 = (g === 1 ? i1 : base) + y2;
+    const i3 = (g === 1 ? i2 : base) + y3;
+    index = i3;
+    out[t] = i0;
+    out[t + 1] = i1;
+    out[t + 2] = i2;
+    out[t + 3] = i3;
+    if (Math.max(i0, i1, i2, i3) > highest || Math.min(i0, i1, i2, i3) < -highest) {
+      for (let i = t; i < t + 4; i++) checkIndex(out[i], highest, offset);
+    }
+  }
+  return stop;
 }
 
 function decodeComponent(header, coded, offset, indices, span, highest, index) {
