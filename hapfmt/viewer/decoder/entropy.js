@@ -21,7 +21,7 @@ const ROWS = [
 const CLASS_ENDS = [];
 const CLASS_SHARES = [];
 
-const QUICK_BOUND = 2 ** 24; // of averages: with h <= 13 all but the escapes fit 32 bits
+const QUICK_BOUND = 2 ** 28; // of averages: h <= 17, and all but the escapes fit 32 bits
 
 // The ends of a class, 16 places for each context.
 export function classEnds(number) {
@@ -67,6 +67,16 @@ function makeShares({ symbols, shares, known }, ends, c) {
     shares[16 * c + k] = first + 4096 * (end - first);
     first = end;
   }
+}
+
+// The symbol of each slot.
+function symbolsOf(ends) {
+  const symbols = new Uint8Array(4096);
+  for (let k = 0, first = 0; k < ends.length; k++) {
+    symbols.fill(k, first, ends[k]);
+    first = ends[k];
+  }
+  return symbols;
 }
 
 export function lengthEnds(weights) {
@@ -125,14 +135,14 @@ export class EntropyDecoder {
     this.rawBits = 0;
     this.lane = 0;
     this.view = new DataView(this.buffer.buffer);
-    this.states = Uint32Array.from({ length: states }, () => this.word() * 65536 + this.word());
+    this.states = Uint32Array.from({ length: states }, () => (this.word() << 16) | this.word());
     this.check();
   }
 
   word() {
     const { buffer, next } = this;
     this.next += 2;
-    return next + 1 < buffer.length ? buffer[next] * 256 + buffer[next + 1] : 0;
+    return next + 1 < buffer.length ? (buffer[next] << 8) | buffer[next + 1] : 0;
   }
 
   check() {
@@ -150,30 +160,28 @@ export class EntropyDecoder {
 
   // The symbol whose ends begin at a place of an array.
   symbol(ends, at = 0) {
-    const { states, lane } = this;
-    let x = states[lane];
-    const slot = x % 4096;
+    const slot = this.states[this.lane] & 4095;
     let i = at;
     while (slot >= ends[i]) i++;
     const first = i > at ? ends[i - 1] : 0;
-    x = (ends[i] - first) * Math.floor(x / 4096) + slot - first;
-    if (x < LEAST) x = x * 65536 + this.word();
-    states[lane] = x;
-    this.lane = lane + 1 === states.length ? 0 : lane + 1;
+    this.takeShare(first, ends[i] - first);
     return i - at;
   }
 
   bit(p) {
+    const zeros = 4096 - 16 * p;
+    const bit = (zeros - 1 - (this.states[this.lane] & 4095)) >>> 31;
+    this.takeShare(zeros & -bit, zeros + ((4096 - 2 * zeros) & -bit));
+    return bit;
+  }
+
+  // The state of the lane goes on, after a symbol with a share of the slots: width of them from first on.
+  takeShare(first, width) {
     const { states, lane } = this;
     const x = states[lane];
-    const slot = x % 4096;
-    const zeros = 4096 - 16 * p;
-    const bit = slot < zeros ? 0 : 1;
-    let y = bit === 1 ? 16 * p * Math.floor(x / 4096) + slot - zeros : zeros * Math.floor(x / 4096) + slot;
-    if (y < LEAST) y = y * 65536 + this.word();
-    states[lane] = y;
-    this.lane = lane + 1 === states.length ? 0 : lane + 1;
-    return bit;
+    const y = Math.imul(width, x >>> 12) + (x & 4095) - first;
+    states[lane] = y >>> 16 === 0 ? (y << 16) | this.word() : y;
+    this.lane = (lane + 1) & (states.length - 1);
   }
 
   // An integer of k raw bits, k <= 48.
@@ -300,7 +308,8 @@ export class EntropyDecoder {
       } else {
         const m = sum << 5;
         averages.f = f += (m - f) >> 1;
-        averages.s = s += (3 * (m - s)) >> 4;
+        const d = m - s;
+        averages.s = s += 3 * (d >> 4) + ((3 * (d & 15)) >> 4); // (3 * d) >> 4
       }
     }
     this.next = next;
@@ -353,6 +362,44 @@ export class EntropyDecoder {
       out[i] = signed && l > 0 && this.raw(1) === 1 ? -u : u;
       this.check();
     }
+  }
+
+  // A section of integers by length with raw signs, up to 63 bits: their halves, modulo 2^64.
+  wide(count, table, lower, upper) {
+    this.section();
+    const { first, ends } = table;
+    const { view, buffer, states, size } = this;
+    const lanes = states.length - 1;
+    const symbols = symbolsOf(ends);
+    const zero = PAD + size - 4;
+    let { next, rawBits } = this;
+    // 32 raw bits from W on.
+    const peek = (W) => (view.getInt32(zero - (W >> 3)) >>> (W & 7)) | ((buffer[zero - 1 - (W >> 3)] << 1) << (31 - (W & 7)));
+    for (let i = 0; i < count; i++) {
+      const x = states[i & lanes];
+      const slot = x & 4095;
+      const k = symbols[slot];
+      const begin = k > 0 ? ends[k - 1] : 0;
+      const y = Math.imul(ends[k] - begin, x >>> 12) + slot - begin;
+      const needs = ((y >>> 16) - 1) >> 31; // all bits below 65536
+      states[i & lanes] = (y << (16 & needs)) | (view.getUint16(next) & needs);
+      next -= needs << 1;
+      const bits = first + k - 1; // those below the highest, the lowest first
+      if (bits >= 0) {
+        const low = peek(rawBits);
+        const high = bits < 32 ? 0 : (peek(rawBits + 32) & ~(-1 << (bits - 32))) | (1 << (bits - 32));
+        const minus = -(peek(rawBits + bits) & 1);
+        const sum = (((bits < 32 ? (low & ~(-1 << bits)) | (1 << bits) : low) ^ minus) - minus) | 0;
+        lower[i] = sum;
+        upper[i] = (high ^ minus) - (sum === 0 ? minus : 0);
+        rawBits += bits + 1;
+      } else {
+        lower[i] = upper[i] = 0;
+      }
+      if (next - PAD + ((rawBits + 7) >> 3) > size) this.tooShort();
+    }
+    this.next = next;
+    this.rawBits = rawBits;
   }
 
   // A section of signs of the integers that are not 0.
