@@ -3,7 +3,7 @@ import { Reader } from './bytes.js';
 import { EntropyDecoder, readProbabilities, readStart } from './entropy.js';
 import { broken } from './error.js';
 import { readGrid } from './grid.js';
-import { predictExact, predictorOf, predictQuick, quickBound, sumFour, tapsOf } from './predictor.js';
+import { isQuick, predictExact, predictorOf, predictQuick, sumFour, tapsOf } from './predictor.js';
 
 const ORDER_BOUND = 32;
 
@@ -132,11 +132,6 @@ function putResiduals(index, span, g, c, highest, d) {
   }
   const ahead = taps.r.subarray(3);
   for (let t = stop; t < span; t++) d[t + 1] = y[t + width] - (quick ? predictQuick : predictExact)(ahead, width, y, t);
-}
-
-// Whether the sums of products are exact as they are: no |y| is larger than that.
-function isQuick(c, g, highest) {
-  return 2 * highest * 2 ** g < quickBound(c);
 }
 
 function checkIndex(index, highest, offset) {

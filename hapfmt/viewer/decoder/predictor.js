@@ -76,6 +76,11 @@ export function sumFour({ r, width }, y, t, sums) {
   sums[3] = s3;
 }
 
+// Whether all sums are, of g-th differences of indices up to `highest` less one of them.
+export function isQuick(c, g, highest) {
+  return 2 * highest * 2 ** g < quickBound(c);
+}
+
 // (sum of c[j] * y[t - 1 - j] + 4096) // 8192. r: the predictor backwards; y of tick t lies at t + m, m zeros before it.
 export function predictQuick(r, m, y, t) {
   let a = 4096;
