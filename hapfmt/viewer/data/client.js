@@ -8,14 +8,26 @@ class RecordingError extends Error {
   }
 }
 
+// The page has the code of worker.js as a text.
+let place = null;
+
+function newWorker() {
+  place ??= URL.createObjectURL(new Blob([globalThis.hapfWorkerCode], { type: 'text/javascript' }));
+  return new Worker(place);
+}
+
 // source: { name, url } | { name, blob } | { name, bytes }; worker: gives a new Worker that runs worker.js;
 // onChange(what, facts): 'overview', 'damage' or 'progress' when something progressed, 'error' when the work in the
 // background ended.
-export async function openRecording(source, { worker, onChange = () => {}, signal } = {}) {
+export async function openRecording(source, { worker = newWorker, onChange = () => {}, signal } = {}) {
+  const { name, url, blob, bytes } = source;
   const link = new Link(worker());
+  // The Worker has no address of its own that a relative one could refer to.
+  const whole = url && globalThis.document ? new URL(url, document.baseURI).href : url;
   try {
-    const facts = await link.call('open', [source], { signal });
-    return new Recording(source.name, facts, link, onChange);
+    link.onChange = (what, news) => onChange(what, news);
+    const facts = await link.call('open', [{ url: whole, blob, bytes }], { signal });
+    return new Recording(name, facts, link, onChange);
   } catch (error) {
     link.close();
     throw error;

@@ -15,13 +15,13 @@ export async function describe(session) {
   const known = head && head.epochUncertaintyNs !== NO_EPOCH;
   const ends = [0, 0];
   if (times.length) {
-    ends[0] = times.reduce((low, one) => Math.min(low, secondsAt(one.ratio, one.firstTick)), Infinity);
-    ends[1] = times.reduce((high, one) => Math.max(high, secondsAt(one.ratio, one.stopTick)), 0);
+    ends[0] = times.reduce((low, one) => Math.min(low, secondsAt(one.track, one.firstTick)), Infinity);
+    ends[1] = times.reduce((high, one) => Math.max(high, secondsAt(one.track, one.stopTick)), 0);
   }
   return {
     size: session.source.size, closed: file.closed, verdict: session.verdict,
     epochNs: known ? String(head.epochNs) : null, start: ends[0], stop: ends[1], metadata: file.metadata,
-    channels: described.map(({ ratio, ...channel }) => channel), eventTracks: eventTracksOf(file), hasOverview: false,
+    channels: described.map(({ track, ...channel }) => channel), eventTracks: eventTracksOf(file), hasOverview: false,
   };
 }
 
@@ -40,7 +40,7 @@ function describeChannel(channel, extents) {
     group: of(track.groups), bodySite: of(track.bodySites), device: of(track.devices), rate: rateNum / rateDen,
     rateText: rateDen === 1 ? String(rateNum) : `${rateNum}/${rateDen}`, rateNum, rateDen, firstTick, stopTick,
     bands: hasBands(channel) ? ['sum', 'lf', 'hf'] : ['sum'], codecs, deadband: deadbandOf(channel),
-    hasKnots: parts.some(({ base }) => base.codec === 'KNOT'), unsupported: track.unsupported, ratio: { rateNum, rateDen },
+    hasKnots: parts.some(({ base }) => base.codec === 'KNOT'), unsupported: track.unsupported, track,
   };
 }
 

@@ -2,6 +2,7 @@
 import { Session } from './session.js';
 
 const METHODS = new Set(['samples', 'envelope', 'events', 'damage', 'verify', 'knots', 'bytes', 'stats']);
+const TELL_MS = 120; // between two messages of a kind
 const TAKES_PROGRESS = new Set(['verify']);
 
 const errorOf = ({ name, message, requirement = null, offset = null, kind = 'internal' }) => ({ name, message, requirement, offset, kind });
@@ -12,6 +13,7 @@ export class Host {
     this.post = post;
     this.session = null;
     this.running = new Map();
+    this.news = new Map(); // what -> the facts since its last message
   }
 
   async take({ id, call, args, cancel }) {
@@ -35,9 +37,25 @@ export class Host {
     }
   }
 
+  // A few messages of a kind a second, and in any case one with the last facts.
+  tell(what, facts) {
+    const news = this.news.get(what);
+    if (news) {
+      Object.assign(news, facts);
+      return;
+    }
+    this.post({ what, facts }, []);
+    this.news.set(what, {});
+    setTimeout(() => {
+      const later = this.news.get(what);
+      this.news.delete(what);
+      if (Object.keys(later).length && !this.session?.closed) this.tell(what, later);
+    }, TELL_MS);
+  }
+
   async answer(id, call, args, signal) {
     if (call === 'open') {
-      this.session = await Session.open(args[0], (what, facts) => this.post({ what, facts }, []));
+      this.session = await Session.open(args[0], (what, facts) => this.tell(what, facts));
       return this.session.facts;
     }
     if (!this.session || !METHODS.has(call)) throw new TypeError(`no method ${call}`);

@@ -21,7 +21,7 @@ const PYRAMID_BYTES = 1.6e8;
 const FAULT_BOUND = 2 ** 16;
 const EVENT_BOUND = 2 ** 20;
 const SLICE_MS = 20;
-const TELL_MS = 120;
+const VIEWS = 6; // pictures that are on the way
 const GROUP = 2 ** 20; // bytes of clusters that are fetched together
 
 const pause = () => new Promise((resolve) => { setTimeout(resolve, 0); });
@@ -35,10 +35,9 @@ export class Session {
     this.faults = [];
     this.report = null;
     this.pyramids = new Map();
-    this.wanted = [];
+    this.views = [];
     this.working = false;
     this.closed = false;
-    this.told = 0;
     this.clock = 0;
   }
 
@@ -61,7 +60,7 @@ export class Session {
     this.byIndex = new Map(this.channels.map((channel) => [channel.index, channel]));
     this.faults = [];
     this.pyramids.clear();
-    this.wanted = [];
+    this.views = [];
     this.eventList = null;
   }
 
@@ -73,17 +72,24 @@ export class Session {
 
   // Does something by the index, and again by a walk where the index does not hold.
   async guarded(action) {
+    const { file } = this;
     try {
       return await action();
     } catch (error) {
-      if (!(error instanceof FalseIndex)) throw error;
-      if (this.file.bytes) throw new Error('a walk disagrees with itself');
-      this.walking ??= this.walk();
-      await this.walking;
-      this.facts = await describe(this);
-      this.tell('damage', { facts: this.facts });
+      await this.mend(error, file);
       return action();
     }
+  }
+
+  // file: the one in use where the error arose.
+  async mend(error, file) {
+    if (!(error instanceof FalseIndex)) throw error;
+    if (file.bytes) throw new Error('a walk disagrees with itself');
+    this.mended ??= this.walk().then(() => describe(this)).then((facts) => {
+      this.facts = facts;
+      this.tell('damage', { facts, verdict: this.verdict });
+    });
+    await this.mended;
   }
 
   get verdict() {
@@ -242,32 +248,30 @@ export class Session {
     }
   }
 
-  want(waiting, t0, t1) {
-    this.wanted = waiting;
-    this.around = [t0, t1];
+  // parts: [{ channel, band, pyramid }] of one picture. Several pictures may be on the way.
+  want(parts, t0, t1) {
+    const name = ({ pyramid }) => pyramid.key;
+    const names = parts.map(name).join();
+    const others = this.views.filter((view) => view.parts.map(name).join() !== names);
+    this.views = [{ parts, t0, t1 }, ...others.slice(0, VIEWS - 1)];
     if (!this.working) this.work();
   }
 
-  // Clusters of what is seen first, then the others.
   async work() {
     this.working = true;
+    this.began = performance.now();
     try {
-      let began = performance.now();
       while (!this.closed) {
-        const group = this.nextClusters();
+        const { file } = this;
+        const { parts, group } = this.nextClusters();
         if (!group.length) break;
-        await this.guarded(() => this.build(group, this.wanted));
-        const now = performance.now();
-        if (now - began > SLICE_MS) {
-          if (now - this.told > TELL_MS) {
-            this.told = now;
-            this.tell('overview', {});
-          }
-          await pause();
-          began = performance.now();
+        try {
+          await this.build(group, parts);
+        } catch (error) {
+          await this.mend(error, file);
         }
       }
-      if (!this.closed) this.tell('overview', {});
+      if (!this.closed) this.tell('overview', { verdict: this.verdict });
     } catch (error) {
       this.tell('error', { error: { message: error.message, requirement: error.requirement ?? null, kind: error.kind ?? 'internal' } });
     } finally {
@@ -275,15 +279,27 @@ export class Session {
     }
   }
 
+  // Lets requests come in between.
+  async breathe() {
+    if (performance.now() - this.began < SLICE_MS) return;
+    this.tell('overview', { verdict: this.verdict });
+    await pause();
+    this.began = performance.now();
+  }
+
+  // Some clusters that are missing in a picture: of the times that are seen, then of all others.
   nextClusters() {
-    const { wanted } = this;
-    if (!wanted.length) return [];
-    this.shed(new Set(wanted.map(({ pyramid }) => pyramid)));
-    const open = (n) => wanted.some(({ pyramid }) => !pyramid.done[n]);
-    const [t0, t1] = this.around;
-    const seen = this.packets.clustersBetween(1000 * t0, 1000 * t1);
-    let numbers = seen.filter(open);
-    if (!numbers.length) numbers = this.file.clusters.map((_, n) => n).filter(open);
+    this.shed(new Set(this.views.flatMap(({ parts }) => parts.map(({ pyramid }) => pyramid))));
+    const all = this.file.clusters.map((_, n) => n);
+    const seen = this.views.map(({ parts, t0, t1 }) => ({ parts, numbers: this.packets.clustersBetween(1000 * t0, 1000 * t1) }));
+    for (const { parts, numbers } of [...seen, ...this.views.map(({ parts }) => ({ parts, numbers: all }))]) {
+      const open = numbers.filter((n) => parts.some(({ pyramid }) => !pyramid.done[n]));
+      if (open.length) return { parts, group: this.firstOf(open) };
+    }
+    return { parts: [], group: [] };
+  }
+
+  firstOf(numbers) {
     const group = [];
     let size = 0;
     for (const n of numbers) {
@@ -301,10 +317,10 @@ export class Session {
       await this.source.readAll(numbers.map((n) => [clusters[n].offset, clusters[n].stop]));
     }
     const tables = await this.packets.tablesOf(numbers);
-    for (let i = 0; i < numbers.length; i++) {
+    for (let i = 0; i < numbers.length && !this.closed; i++) {
+      await this.breathe();
       for (const { channel, band, pyramid } of wanted) {
-        if (pyramid.done[numbers[i]] || this.closed) continue;
-        pyramid.done[numbers[i]] = 1;
+        if (pyramid.done[numbers[i]]) continue;
         for (const { base, hf } of channel.parts) {
           const track = band === 'hf' ? hf : base;
           for (const { start, stop } of stretches(tables[i].get(track?.id) ?? [])) {
@@ -312,6 +328,7 @@ export class Session {
             pyramid.put(values, start, spans);
           }
         }
+        pyramid.done[numbers[i]] = 1;
       }
     }
   }

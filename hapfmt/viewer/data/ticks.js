@@ -20,12 +20,26 @@ export function tickAt(track, seconds) {
   return Math.min(Number(firstTick(track, ...exact(seconds))), TICK_BOUND);
 }
 
-export const secondsAt = ({ rateNum, rateDen }, tick) => (tick * rateDen) / rateNum;
+// The rate in lowest terms.
+function ratioOf(track) {
+  if (!track.ratio) {
+    let [a, b] = [track.rateNum, track.rateDen];
+    while (b) [a, b] = [b, a % b];
+    track.ratio = { num: track.rateNum / a, den: track.rateDen / a };
+  }
+  return track.ratio;
+}
+
+// TIM-001.
+export function secondsAt(track, tick) {
+  const { num, den } = ratioOf(track);
+  return (tick * den) / num;
+}
 
 export function secondsBetween(track, first, stop) {
   const times = new Float64Array(stop - first);
-  const { rateNum, rateDen } = track;
-  for (let i = 0; i < times.length; i++) times[i] = ((first + i) * rateDen) / rateNum;
+  const { num, den } = ratioOf(track);
+  for (let i = 0; i < times.length; i++) times[i] = ((first + i) * den) / num;
   return times;
 }
 
