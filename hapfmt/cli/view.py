@@ -155,14 +155,15 @@ def serve(served: Sequence[ServedFile], port: int | None, no_browser: bool) -> N
             pass
 
 
-def open_browser(url: str) -> None:
+def open_browser(url: str) -> threading.Thread:
     """In a thread: some browsers return only when their window is closed."""
-    if sys.platform.startswith("linux") and not any(map(os.environ.get, DISPLAYS)):
-        note("no display here: open the address in a browser yourself")
-        return
 
     def start() -> None:
-        if not webbrowser.open(url):
+        if sys.platform.startswith("linux") and not any(map(os.environ.get, DISPLAYS)):
+            note("no display here: open the address in a browser yourself")
+        elif not webbrowser.open(url):
             note("no browser was found: open the address yourself")
 
-    threading.Thread(target=start, daemon=True).start()
+    thread = threading.Thread(target=start, daemon=True)
+    thread.start()
+    return thread
