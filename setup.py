@@ -1,4 +1,4 @@
-"""The optional extension; everything else is in pyproject.toml."""
+"""The optional extension and the project's addresses; everything else is in pyproject.toml."""
 
 import os
 from pathlib import Path
@@ -6,6 +6,26 @@ from pathlib import Path
 from setuptools import Extension, setup
 
 FOLDER = Path("hapfmt/kernels")
+PAGES = {
+    "Homepage": "",
+    "Source": "",
+    "Documentation": "/blob/main/docs/index.md",
+    "Format": "/blob/main/SPEC.md",
+    "Changes": "/blob/main/CHANGELOG.md",
+    "Issues": "/issues",
+}
+
+
+def addresses() -> dict[str, str]:
+    """Pages of the repository that publishes: its address is known only where that happens."""
+    found = os.environ.get("HAPFMT_REPOSITORY", "").rstrip("/")
+    if found:
+        return {name: found + page for name, page in PAGES.items()}
+    before = Path("PKG-INFO")  # of the sdist that this wheel is made from
+    lines = before.read_text("utf-8").split("\n\n")[0].splitlines() if before.exists() else []
+    rows = [line.removeprefix("Project-URL: ") for line in lines if line.startswith("Project-URL")]
+    return dict(row.split(", ", 1) for row in rows)
+
 
 setup(
     ext_modules=[
@@ -20,4 +40,5 @@ setup(
         )
     ],
     options={"bdist_wheel": {"py_limited_api": "cp311"}},
+    project_urls=addresses(),
 )

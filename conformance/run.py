@@ -1,11 +1,11 @@
-"""Runs the cases of this folder on implementations of the format; see README.md.
+"""Runs the conformance cases on implementations of hapf, the format for recorded touch.
 
-python conformance/run.py                          those of this repository
-python conformance/run.py --impl "./my-adapter"    any program with the verbs of README.md
-python conformance/run.py --impl ... --set valid --case "knot-*"
+%(prog)s --impl "./my-adapter"    any program with the verbs of README.md
+%(prog)s --impl ... --set valid --case "knot-*"
+%(prog)s                          those of this repository, or hapfmt where it is installed
 
-Ends with 0 where everything that was tested is as expected, 1 where something is not, 2 where an
-implementation cannot be run. Standard library only.
+README.md says what the verbs write; --where prints its folder. Ends with 0 where everything that
+was tested is as expected, 1 where something is not, 2 where an implementation cannot be run.
 """
 
 from __future__ import annotations
@@ -56,17 +56,19 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     add("--json", type=Path, metavar="FILE", help="write the outcome as JSON")
     add("--no-serve", action="store_true", help="a process for each verb, whatever is claimed")
     add("--list", action="store_true", help="only list the cases")
+    add("--where", action="store_true", help="only print the folder of README.md and the cases")
     return parser.parse_args(arguments)
 
 
 def own(caps: Caps, *, serve: bool) -> list[Implementation]:
     """Those of this repository that run here."""
     found = []
-    for command in OWN:
+    for command in (each for each in OWN if Path(each[1]).exists()):
         try:
             found.append(Implementation(command, caps, HERE.parent, serve=serve))
         except UnusableError as error:
-            print(f"not here: {str(error).splitlines()[0]}", file=sys.stderr)
+            first, *rest = str(error).splitlines()
+            print("not here:", first, *rest[-1:], file=sys.stderr)
     return found
 
 
@@ -83,6 +85,9 @@ def run_all(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     given = parse(arguments)
+    if given.where:
+        print(HERE)
+        return 0
     every = load(given.cases.resolve())
     cases = select(every, given.set, given.case)
     if given.list:
@@ -108,6 +113,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             else referees
         )
         programs += tested
+        if not tested:
+            raise ValueError("no implementation runs here; name yours: --impl COMMAND")
     except (UnusableError, ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
@@ -122,7 +129,7 @@ def run_and_tell(
     given: argparse.Namespace, tested: Sequence[Implementation], cases: Sequence[Case],
     referees: Sequence[Implementation], known: Known,
 ) -> int:  # fmt: skip
-    reports, suites, failed = [], [], not tested
+    reports, suites, failed = [], [], False
     with tempfile.TemporaryDirectory(prefix="hapf-conformance-") as room:
         make_on_demand([c for c in cases if any(made_for(c, p) for p in tested)], Path(room))
         for place, program in enumerate(tested):

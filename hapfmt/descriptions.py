@@ -9,39 +9,33 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
 from math import isinf
 from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
-
-import msgspec
-from msgspec import Meta, Struct, ValidationError, convert
-from msgspec.structs import FieldInfo, fields, force_setattr
+from types import NoneType
+from typing import Any, Literal, TypeVar, cast
 
 from .errors import ParameterError, similar
 from .numbers import counted
+from .structs import Arm, Meta, OneOf, Struct, arms, bare, keys_of, schema_node
 
 Made = TypeVar("Made")
 
-PLACE = re.compile(r" - at (?P<key>`key` in )?`\$(?P<steps>(?:\.\w+|\[\d+\]|\[\.\.\.\])*)`\Z")
-"""At the end of an error of msgspec. [...] is some key of a table."""
-STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")
 LONGEST = 200
 """Characters of a key path in a message."""
 
 
 class DescriptionError(ParameterError, ValueError):
-    """An error in a description, with its key.
-
-    msgspec puts the key path to a ValueError, so a ``__post_init__`` names only its own keys.
-    """
+    """An error in a description, with its key. A ``__post_init__`` names only its own keys; what
+    reads the table puts the path before them."""
 
     def __init__(self, key: str, text: str, requirement: str | None = None) -> None:
+        key = key.encode("utf-8", "backslashreplace").decode()
         super().__init__(f"{key[:LONGEST]}: {text}" if key else text, requirement=requirement)
         self.key, self.text = key, text
 
@@ -50,20 +44,18 @@ class DescriptionError(ParameterError, ValueError):
         return DescriptionError(joined(at, self.key), self.text, self.requirement)
 
 
-class OneOf:
-    """One of several tables: a key that only one of them has selects it."""
-
-    __slots__ = ()
-    kinds: ClassVar[Mapping[str, type[OneOf]]]
-
-
-class Description(Struct, frozen=True, forbid_unknown_fields=True):
+class Description(Struct):
     """A table whose rules hold for values given in Python too."""
 
     def __post_init__(self) -> None:
-        for each in fields_of(type(self)):
-            value = getattr(self, each.name)
-            force_setattr(self, each.name, read(each.type, value, each.encode_name))
+        kind: Any = type(self)
+        for each in keys_of(kind).values():
+            assign(self, each.name, read(each.type, getattr(self, each.name), each.key))
+
+
+def assign(table: Struct, name: str, value: Any) -> None:
+    """For ``__post_init__`` alone: tables are frozen."""
+    object.__setattr__(table, name, value)
 
 
 def within(low: float, high: float, what: str) -> Meta:
@@ -86,14 +78,137 @@ def refuse_twice(key: str, values: Sequence[str]) -> None:
             raise DescriptionError(f"{key}[{n}]", f"{each!r} is there twice; write it once")
 
 
-def read(kind: type[Made], values: Any, at: str = "") -> Made:
-    """The values of a parsed TOML or JSON text as ``kind``, or DescriptionError."""
+def read(kind: type[Made], value: Any, at: str = "") -> Made:
+    """The value of a parsed TOML or JSON text as ``kind``; or DescriptionError, with its key below
+    ``at``. A number without a fraction may be a float; nothing else changes its type."""
+    plain: Any = kind
+    for arm in arms(plain):
+        found = taken(arm, value, at)
+        if found is not UNFIT:
+            return cast(Made, found)
+    raise DescriptionError(at, advice(value, node_of(plain)))
+
+
+UNFIT = object()
+
+
+def taken(arm: Arm, value: Any, at: str) -> Any:
+    """The value as this type, or UNFIT. Errors within it are raised."""
+    kind, found = arm.type, value
+    if kind is Any:
+        return value
+    if kind is NoneType:
+        return None if value is None else UNFIT
+    if arm.origin is Literal:
+        fits = any(type(value) is type(each) and value == each for each in arm.parts)
+        return value if fits else UNFIT
+    if arm.origin is tuple:
+        found = items_of(arm, value, at) if isinstance(value, (list, tuple)) else UNFIT
+    elif arm.origin is dict:
+        found = entries_of(arm, value, at) if isinstance(value, dict) else UNFIT
+    elif issubclass(kind, (Struct, OneOf)):
+        return table_of(kind, value, at)
+    elif type(value) is not kind:
+        if kind is not float or type(value) is not int:
+            return UNFIT
+        try:
+            found = float(value)
+        except OverflowError:
+            return UNFIT
+    return found if found is not UNFIT and keeps(arm.rules, found) else UNFIT
+
+
+def items_of(arm: Arm, value: Sequence[Any], at: str) -> Any:
+    kinds = arm.parts
+    if kinds[-1] is Ellipsis:
+        found, plain = set(map(type, value)), plain_types(kinds[0])
+        if found <= plain:
+            return tuple(value)
+        if float in plain and found <= plain | {int}:
+            with suppress(OverflowError):
+                return tuple(float(each) if type(each) is int else each for each in value)
+        kinds = kinds[:1] * len(value)
+    if len(kinds) != len(value) or not keeps(arm.rules, value):
+        return UNFIT
+    return tuple(
+        read(kind, each, f"{at}[{n}]")
+        for n, (kind, each) in enumerate(zip(kinds, value, strict=True))
+    )
+
+
+@cache
+def plain_types(kind: Any) -> frozenset[type]:
+    """Types whose values are taken as they are, without a rule: long lists need not be looked
+    through one by one."""
+    plain = (bool, int, float, str, NoneType)
+    return frozenset(arm.type for arm in arms(kind) if arm.type in plain and not any(arm.rules))
+
+
+def entries_of(arm: Arm, value: dict[Any, Any], at: str) -> dict[Any, Any]:
+    kind, inner = arm.parts
+    return {
+        read(kind, key, joined(at, str(key))): read(inner, each, joined(at, str(key)))
+        for key, each in value.items()
+    }
+
+
+def table_of(kind: Any, value: Any, at: str) -> Any:
+    if isinstance(value, kind):
+        return value
+    if not isinstance(value, dict):
+        return UNFIT
+    if not issubclass(kind, Struct):
+        found = [key for key in kind.kinds if key in value]
+        if len(found) != 1:
+            given = " and ".join(found) or "none"
+            raise DescriptionError(
+                at, f"has {given} of {', '.join(kind.kinds)}; give exactly one of them"
+            )
+        kind = kind.kinds[found[0]]
+    known = keys_of(kind)
+    values = {}
+    for key, each in value.items():
+        if key in known:
+            values[known[key].name] = read(known[key].type, each, joined(at, key))
+        elif not kind.is_open:
+            near = similar(str(key)[:LONGEST], known)
+            hint = f"did you mean {near}?" if near else f"known: {', '.join(known)}"
+            raise DescriptionError(joined(at, str(key)), f"is not a known key; {hint}")
+    for key, each in known.items():
+        if each.required and each.name not in values:
+            raise missing(each.type, joined(at, key))
     try:
-        return convert(values, kind, dec_hook=read_one)
-    except ValidationError as error:
-        raise explained(error, kind, values, at) from None
-    except UnicodeError:
-        raise DescriptionError(at, "has a character that is not one of Unicode") from None
+        return kind(**values)
+    except DescriptionError as error:
+        raise error.under(at) from None
+
+
+def missing(kind: Any, at: str) -> DescriptionError:
+    node, metas = node_of(kind), bare(kind)[1]
+    advised = f"{node['description']} ({words(node)})" if "description" in node else words(node)
+    requirement = next((each.requirement for each in metas if each.requirement), None)
+    return DescriptionError(at, f"is missing; add {advised}", requirement)
+
+
+def keeps(rules: Sequence[Meta], value: Any) -> bool:
+    """Whether a number, a text or a list is within its rules."""
+    for rule in rules:
+        if rule.gt is not None and not value > rule.gt:
+            return False
+        if rule.ge is not None and not value >= rule.ge:
+            return False
+        if rule.le is not None and not value <= rule.le:
+            return False
+        if rule.min_length is not None and len(value) < rule.min_length:
+            return False
+        if rule.max_length is not None and len(value) > rule.max_length:
+            return False
+        if rule.pattern is not None and not re.search(rule.pattern, value):
+            return False
+    return True
+
+
+node_of = cache(schema_node)
 
 
 def parse_json(text: bytes) -> dict[str, Any]:
@@ -115,128 +230,8 @@ def double(text: str) -> float:
     return value
 
 
-def read_one(kind: type[OneOf], value: Any) -> Any:
-    if not isinstance(value, dict):
-        raise DescriptionError("", advice(value, {"type": "object"}))
-    found = [key for key in kind.kinds if key in value]
-    if len(found) != 1:
-        given = " and ".join(found) or "none"
-        raise DescriptionError(
-            "", f"has {given} of {', '.join(kind.kinds)}; give exactly one of them"
-        )
-    return read(kind.kinds[found[0]], value)
-
-
-def schema_of(kind: Any, title: str) -> dict[str, Any]:
-    """The JSON schema of a description."""
-    parts: dict[str, Any] = {}
-
-    def one(kind: type[OneOf]) -> dict[str, Any]:
-        refs, found = msgspec.json.schema_components(kind.kinds.values())
-        parts.update(found)
-        return {"anyOf": list(refs)}
-
-    (ref,), found = msgspec.json.schema_components((kind,), schema_hook=one)
-    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title}
-    return head | ref | {"$defs": {**found, **parts}}
-
-
-@cache
-def fields_of(table: type[Struct]) -> tuple[FieldInfo, ...]:
-    return fields(table)
-
-
 def joined(at: str, key: str) -> str:
     return f"{at}.{key}" if at and key and not key.startswith("[") else at + key
-
-
-def explained(error: ValidationError, kind: Any, value: Any, at: str) -> DescriptionError:
-    """The message for a wrong value: its key, the value, and the correct form."""
-    place = PLACE.search(str(error))
-    steps = [name or number for name, number in STEP.findall(place["steps"])] if place else []
-    if place and place["key"]:
-        steps.append("...")
-    for step in steps:
-        inside = list(entered(kind, value, step))
-        if not inside:
-            break
-        kind, value, key = inside[0]
-        at = joined(at, key)
-    if isinstance(error.__cause__, DescriptionError):
-        return error.__cause__.under(at)
-    if error.__cause__ is not None:
-        raise error.__cause__
-    for table in (arm for arm in arms(kind) if is_table(arm)):
-        if isinstance(value, dict):
-            return wrong_key(table, value, at) or DescriptionError(at, "cannot be used")
-    return DescriptionError(at, advice(value, schema_node(kind)))
-
-
-def arms(kind: Any) -> list[Any]:
-    """The types of a union, without None."""
-    plain = bare(kind)
-    if get_origin(plain) in (Union, UnionType):
-        return [arm for each in get_args(plain) for arm in arms(each)]
-    return [] if plain is type(None) else [plain]
-
-
-def bare(kind: Any) -> Any:
-    return get_args(kind)[0] if get_origin(kind) is Annotated else kind
-
-
-def is_table(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, Struct)
-
-
-def entered(kind: Any, value: Any, step: str) -> Iterator[tuple[Any, Any, str]]:
-    """What ``kind`` has at a step of the path, with its value and what the step is called."""
-    for arm in arms(kind):
-        origin, parts = get_origin(arm), get_args(arm)
-        if is_table(arm) and isinstance(value, dict) and step in value:
-            yield from (
-                (each.type, value[step], step)
-                for each in fields_of(arm)
-                if each.encode_name == step
-            )
-        elif origin is dict and isinstance(value, dict):
-            for key, each in value.items():
-                for part, held in zip(parts, (key, each), strict=True):
-                    try:
-                        read(part, held)
-                    except DescriptionError:
-                        yield part, held, str(key)
-        elif origin is tuple and isinstance(value, Sequence) and step.isdigit():
-            number = int(step)
-            yield parts[0 if parts[-1] is Ellipsis else number], value[number], f"[{step}]"
-
-
-def wrong_key(table: type[Struct], values: dict[Any, Any], at: str) -> DescriptionError | None:
-    """The first unknown key, else the first missing one."""
-    known = {each.encode_name: each for each in fields_of(table)}
-    for key in values:
-        if key not in known:
-            near = similar(str(key)[:LONGEST], known)
-            hint = f"did you mean {near}?" if near else f"known: {', '.join(known)}"
-            return DescriptionError(joined(at, str(key)), f"is not a known key; {hint}")
-    for key, each in known.items():
-        if each.required and key not in values:
-            node = schema_node(each.type)
-            advised = (
-                f"{node['description']} ({words(node)})" if "description" in node else words(node)
-            )
-            requirement = requirement_of(each.type)
-            return DescriptionError(joined(at, key), f"is missing; add {advised}", requirement)
-    return None
-
-
-def requirement_of(kind: Any) -> str | None:
-    extras = [each.extra for each in get_args(kind) if isinstance(each, Meta) and each.extra]
-    return extras[0]["requirement"] if extras else None
-
-
-def schema_node(kind: Any) -> dict[str, Any]:
-    (node,), _ = msgspec.json.schema_components((kind,), schema_hook=lambda _: {"type": "object"})
-    return node
 
 
 TYPES: dict[str, tuple[tuple[type, ...], str]] = {

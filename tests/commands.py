@@ -20,8 +20,10 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-from spec import ROOT
+import hapfmt
 
+HOME = Path(hapfmt.__file__).parents[1]
+"""Of the hapfmt that is tested: that of the clone, or an installed one."""
 ENVIRONMENT = {**os.environ, "COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1"}  # forks have no threads
 PYTHON = [sys.executable, "-W", "error"]
 Done = subprocess.CompletedProcess[bytes]
@@ -111,7 +113,7 @@ def server() -> socket.socket:
     ours, theirs = socket.socketpair()
     process = subprocess.Popen(
         [*PYTHON, __file__, str(theirs.fileno())], pass_fds=[theirs.fileno()],
-        env={**ENVIRONMENT, "PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},
+        env={**ENVIRONMENT, "PYTHONPATH": f"{HOME}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},
     )  # fmt: skip
     theirs.close()
 

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import subprocess
 import sys
+import tomllib
 from collections import Counter
 from functools import cache
 from graphlib import TopologicalSorter
 
 import pytest
 from spec import ROOT
+
+import hapfmt
 
 PACKAGE = ROOT / "hapfmt"
 MODULES = {
@@ -21,7 +25,7 @@ MODULES = {
 LAYERS = (
     "kernels",
     """clocks datasets deadband descriptions errors files limits metrics numbers recording split
-    threads times units version""",
+    structs threads times units version""",
     "format",
     "codecs",
     "reading",
@@ -56,17 +60,8 @@ BARRED_IN_REPLAY = {
 nothing."""
 ONLY_IN = {
     "construct": ("format.layout",),
-    "msgspec": (
-        "convert.mcap_writer",
-        "descriptions",
-        "convert.maps",
-        "writing.streams",
-        "replay.profile.parse",
-        "lab.scenes.description",
-        "lab.scenes.stylus",
-        "lab.study.description",
-        "lab.study.rating",
-    ),
+    "msgspec": ("convert.mcap_writer",),
+    "scipy": ("convert.mat_layout", "lab.study.outputs", "metrics"),
     "matplotlib": tuple(name for name in MODULES if name.startswith("lab.plotting.")),
     "soundfile": ("convert.wav",),
     "h5py": ("convert.hdf5_files",),
@@ -245,18 +240,72 @@ def test_import_is_light():
     assert not loaded_by("import hapfmt; hapfmt.__version__") & HEAVY
 
 
-def test_only_a_split_loads_scipy():
-    """Importing its filters takes longer than most encoding; where nothing is split, nothing is
-    filtered."""
-    code = """
-import io, sys, hapfmt
-from hapfmt.lab.scenes import load_scene, simulate
-recording, _ = simulate(load_scene("everything").changed(seconds=0.05))
+def required() -> set[str]:
+    """Modules of the packages that ``pip install hapfmt`` brings."""
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        given = tomllib.load(file)["project"]["dependencies"]
+    return {re.split(r"\W", each)[0] for each in given}
+
+
+def test_the_core_needs_four_packages():
+    assert required() == {"numpy", "construct", "click", "rich"}
+
+
+def test_other_packages_are_imported_where_they_are_used(tmp_path):
+    """All modules but those that are for one package alone, and the common commands."""
+    code = f"""
+import os, sys
+
+class Barred:
+    def find_spec(self, name, path=None, target=None):
+        top = name.partition(".")[0]
+        if top in {(HEAVY | ONLY_IN.keys()) - required()!r}:
+            raise ModuleNotFoundError(f"{{name}} is barred", name=name)
+
+sys.meta_path.insert(0, Barred())
+os.chdir({str(tmp_path)!r})
+from hapfmt.cli import cli
+
+def run(words, code=0):
+    try:
+        cli.main(words.split(), standalone_mode=False)
+    except SystemExit as error:
+        assert error.code in (None, code), (words, error.code)
+
+run("demo --seconds 0.5")
+run("scene wall touch.npz --seconds 0.5")
 for preset in ("lossless", "near-lossless", "perceptual", "paper"):
-    hapfmt.write(recording, io.BytesIO(), hapfmt.Settings.of(preset))
-    assert ("scipy" in sys.modules) is (preset == "paper"), preset
+    run(f"encode touch.npz {{preset}}.hapf --preset {{preset}}")
+    run(f"verify {{preset}}.hapf")
+    run(f"info {{preset}}.hapf")
+    run(f"decode {{preset}}.hapf {{preset}}.csv")
+run("compare touch.npz lossless.hapf")
+run("subset paper.hapf part.hapf --channels 0")
+run("profile check glove22")
+run("replay lossless.hapf --device glove5 --dry-run --map 0=thumb --stop 0.05")
+run("record live.hapf --rate 1000")
+run("verify live.hapf")
 """
-    assert "scipy" in loaded_by(code)
+    rows = "".join(f"{n % 7},{n % 5}\n" for n in range(500))
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        check=False,
+        cwd=ROOT,
+        input=rows,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    for preset in ("lossless", "near-lossless", "perceptual", "paper"):
+        assert hapfmt.read(tmp_path / f"{preset}.hapf").channels
+    assert hapfmt.read(tmp_path / "live.hapf").channels[1].stored.tolist() == [
+        n % 5 for n in range(500)
+    ]
+
+
+def test_a_filter_needs_no_scipy():
+    code = "import numpy, hapfmt.split as s; s.low_pass(numpy.arange(999.0), 1000)"
+    assert "numpy" in loaded_by(code) and "scipy" not in loaded_by(code)
 
 
 def test_info_loads_no_numbers():
@@ -295,5 +344,4 @@ def test_the_watchdog_starts_light():
 def test_the_writer_loads_nothing_that_reads_files():
     found = modules_after("import hapfmt.replay.process.loop, hapfmt.replay.profile.parse")
     assert not {name for name in found if name.startswith(("hapfmt.reading", "hapfmt.codecs"))}
-    # msgspec reads the profile, 20 ms before the device is opened.
-    assert not {name.split(".")[0] for name in found} & (HEAVY - {"numpy", "msgspec"})
+    assert not {name.split(".")[0] for name in found} & (HEAVY - {"numpy"})

@@ -111,8 +111,6 @@ def test_output_fits_the_terminal(name: str, columns: int, room: Path, tmp_path:
     words, wanted, code = SHOWN[name]
     folder = tmp_path / "room"
     shutil.copytree(room, folder)
-    if name == "demo":
-        pytest.importorskip("scipy")
     done = run_in_terminal(*words, cwd=folder, columns=columns)
     text = done.stdout.decode()
     assert done.returncode == code, text
@@ -468,7 +466,7 @@ def test_errors_are_json_too(room: Path) -> None:
 def test_help_has_sections() -> None:
     text = called("--help").out
     places = [text.index(f"{name}:\n") for name in SECTIONS]
-    assert places == sorted(places) and len(VERBS) == 27
+    assert places == sorted(places) and len(VERBS) == 28
     for verb, what in VERBS.items():
         assert re.search(rf"^  {verb} +{re.escape(what)}$", text, re.M), verb
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import tomllib
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,11 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
-from msgspec import Meta, Struct, field
 from spec import ROOT
 
-from hapfmt.descriptions import Description, DescriptionError, read, schema_of
+from hapfmt.descriptions import Description, DescriptionError, read
 from hapfmt.lab.study.description import new_study
+from hapfmt.structs import Meta, Struct, schema_of
 
 sys.path.insert(0, str(ROOT / "tools"))
 
@@ -49,12 +50,12 @@ def test_a_new_study_fits_its_schema(tmp_path: Path) -> None:
     assert not valid("study").is_valid(study | {"session": []})
 
 
-class Part(Struct, frozen=True, forbid_unknown_fields=True):
+class Part(Struct):
     size: Annotated[float, Meta(gt=0, le=9, description="how large it is")]
     names: dict[Annotated[str, Meta(max_length=3)], int] = field(default_factory=dict)
 
 
-class Whole(Description, frozen=True):
+class Whole(Description):
     parts: tuple[Part, ...] = ()
     code: Annotated[str, Meta(pattern="^[a-z]+$", examples=["abc"])] = "x"
     either: Annotated[int, Meta(ge=0, le=3)] | Annotated[str, Meta(max_length=3)] = 0

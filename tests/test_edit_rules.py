@@ -177,7 +177,7 @@ class TestRefusals:
 
 
 class TestChunks:
-    """EDT-005: Under the new track ids, an editor MUST keep attachments, clock chunks, and chunks of unknown types that are safe to copy. The ticks of clock chunks move with their tracks. It leaves out other chunks of unknown types, and all chunks except attachments that name a track that it leaves out."""
+    """EDT-005: Under the new track ids, an editor MUST keep attachments but [overviews](overview.md), clock chunks, and chunks of unknown types that are safe to copy. The ticks of clock chunks move with their tracks. It leaves out other chunks of unknown types, and all chunks except attachments that name a track that it leaves out."""
 
     def test_unknown_ones_by_their_letters(self) -> None:
         data = two_tracks(

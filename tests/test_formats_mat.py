@@ -6,6 +6,7 @@ import io
 import json
 import re
 import struct
+import sys
 import time
 import tracemalloc
 import zlib
@@ -31,7 +32,7 @@ from hapfmt.convert.mat import version_of
 from hapfmt.convert.mat5_files import tree_of_mat5
 from hapfmt.convert.mat73_files import tree_of_mat73
 from hapfmt.convert.mat_layout import identifiers
-from hapfmt.errors import LimitError, ParameterError
+from hapfmt.errors import LimitError, MissingExtraError, ParameterError
 from hapfmt.recording import Calibration, Channel, Event, Recording, Span
 
 pytestmark = pytest.mark.filterwarnings("ignore::hapfmt.errors.MovedTimesWarning")
@@ -586,6 +587,14 @@ class TestOurLayout:
 
     def test_the_same_recording_gives_the_same_bytes(self) -> None:
         assert written(self.example(), "mat") == written(self.example(), "mat")
+
+    def test_without_scipy(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """It writes MAT files; hapfmt itself reads them."""
+        data = written(self.example(), "mat")[0]
+        monkeypatch.setitem(sys.modules, "scipy.io", None)
+        with pytest.raises(MissingExtraError, match=r"hapfmt\[mat\]"):
+            written(self.example(), "mat")
+        assert read(data).labels == self.example().labels
 
     def test_select(self) -> None:
         data = written(self.example(), "mat")[0]

@@ -272,6 +272,19 @@ class TestArguments:
             assert compiled.lpcr_encode(*given.values())[0] == 3
 
 
+@built
+@pytest.mark.parametrize(
+    ("sections", "columns", "size"), [(0, 1, 8), (9, 1, 8), (2, 0, 8), (2, 3, 8), (2, 1, 9)]
+)
+def test_sections_that_do_not_fit_are_refused(sections, columns, size):
+    compiled.filter_sections(np.ones((2, 6)), np.ones((2, 2, 2)), np.zeros((2, 4)))
+    compiled.filter_sections(np.ones((2, 6)), np.ones((2, 2, 2)), np.zeros((2, 0)))
+    with pytest.raises(ValueError, match="not sections"):
+        compiled.filter_sections(
+            np.ones((sections, 6)), np.ones((columns, sections, 2)), bytearray(4 * size)
+        )
+
+
 PURE = """
 import io, numpy, hapfmt
 from hapfmt.kernels import compiled
@@ -319,6 +332,7 @@ def test_loops_older_than_their_sources_are_left_out(tmp_path):
 
     asked = ("-c", "from hapfmt.kernels import compiled; print(compiled is not None)")
     assert told(*asked) == ("True", "")
+    shutil.copy(ROOT / "hapfmt" / "kernels" / "coder.h", source)  # a wheel has none
     time = extension.stat().st_mtime_ns
     os.utime(source, ns=(time, time + 10**9))
     used, said = told(*asked)

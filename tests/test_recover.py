@@ -213,7 +213,7 @@ class TestLostDescriptions:
 
 def test_digests():
     """
-    REC-010: A recoverer MUST copy intact metadata, attachments and clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept.
+    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept.
     """
     x = np.arange(100)
     channels = (hapfmt.Channel(x, 1000, label="a"), hapfmt.Channel(x * x, 1000, label="b"))
@@ -240,7 +240,7 @@ def test_a_digest_that_differs_is_told():
 
 class TestOtherChunks:
     """
-    REC-010: A recoverer MUST copy intact metadata, attachments and clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept.
+    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept.
     """
 
     def kept(self, data: bytes) -> list[str]:

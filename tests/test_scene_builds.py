@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -12,7 +13,6 @@ import pytest
 from depth import deep
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
 from spec import ROOT
 
 import hapfmt

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spec import ROOT
 
-from hapfmt.descriptions import DescriptionError, fields_of, read, schema_of
+from hapfmt.descriptions import DescriptionError, read
 from hapfmt.errors import ParameterError
 from hapfmt.lab.scenes import Scene, builtin_names, load_scene, parse_scene, scene_text
 from hapfmt.lab.scenes.description import (
@@ -23,6 +23,7 @@ from hapfmt.lab.scenes.description import (
     Texture,
     Tool,
 )
+from hapfmt.structs import keys_of, schema_of
 
 TOOL = "[tool]\n[tool.stroke]\n"
 HUGE = "9" * 5000
@@ -205,7 +206,7 @@ values = st.recursive(
         st.lists(inner, max_size=3)
         | st.dictionaries(
             st.sampled_from(
-                [*(f.name for t in (Scene, Tool, Hand, Contact) for f in fields_of(t)), "x"]
+                [*(f.name for t in (Scene, Tool, Hand, Contact) for f in keys_of(t).values()), "x"]
             ),
             inner,
             max_size=4,
@@ -215,7 +216,9 @@ values = st.recursive(
 )
 
 
-@given(st.dictionaries(st.sampled_from([f.name for f in fields_of(Scene)]), values, max_size=5))
+@given(
+    st.dictionaries(st.sampled_from([f.name for f in keys_of(Scene).values()]), values, max_size=5)
+)
 def test_any_values_give_a_scene_or_an_error_of_ours(given):
     try:
         scene = read(Scene, given)

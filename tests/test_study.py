@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import sys
 import tempfile
 from contextlib import suppress
 from pathlib import Path
@@ -482,9 +483,13 @@ class TestOutputs:
         middle = found["anchor"].samples()[4800:-4800:48]
         assert np.abs(middle - there[100:-100]).max() < 0.02
 
-    def test_a_card(self, study, prepared, monkeypatch):
-        import sys
+    def test_without_scipy(self, monkeypatch):
+        channel = hapfmt.Channel(np.sin(np.arange(99.0)), 1000)
+        monkeypatch.setitem(sys.modules, "scipy.signal", None)
+        with pytest.raises(MissingExtraError, match=r"hapfmt\[sound\]"):
+            outputs.signal(channel, outputs.level_of(channel))
 
+    def test_a_card(self, study, prepared, monkeypatch):
         played = []
 
         class Fake:

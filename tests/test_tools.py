@@ -24,7 +24,7 @@ MEASURE_NOTHING = {"installed.py", "sanitize.py", "spec_tables.py"}
 
 
 def scripts() -> list[Path]:
-    found = [*sorted((ROOT / "tools").glob("*.py")), ROOT / "tools" / "report" / "__main__.py"]
+    found = sorted((ROOT / "tools").glob("*.py")) + sorted((ROOT / "tools").glob("*/__main__.py"))
     return [
         path
         for path in found
@@ -126,7 +126,8 @@ def test_the_page_lists_every_program():
     programs = {
         path.name for path in (ROOT / "tools").glob("*.py") if "__main__" in path.read_text("utf-8")
     }
-    assert set(re.findall(r"`tools/(\w+\.py|report)\b", page)) == programs | {"report"}
+    folders = {path.parent.name for path in (ROOT / "tools").glob("*/__main__.py")}
+    assert set(re.findall(r"`tools/(\w+(?:\.py)?)\b", page)) == programs | folders
 
 
 @pytest.mark.parametrize(
@@ -137,6 +138,7 @@ def test_the_page_lists_every_program():
         (["texture_rates.py", "--quick"], "simulated sand"),
         (["messages.py", "--quick"], "| wrench and joints, 27 channels |"),
         (["throughput.py", "--quick"], "exact values, recall, readable"),
+        (["overview.py", "--seconds", "4", "--fast-only"], "smallest bin"),
         pytest.param(["lazy.py", "--seconds", "20"], "by URL", marks=pytest.mark.deep),
         pytest.param(
             ["archives.py", "--files", "5", "--megabytes", "2", "--jobs", "1"],

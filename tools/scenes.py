@@ -208,8 +208,8 @@ def cells(row: Row, found: Found) -> list[str | float]:
 
 def print_keys() -> None:
     """The tables of docs/scenes.md."""
-    from hapfmt.descriptions import schema_of
     from hapfmt.lab.scenes.description import Scene
+    from hapfmt.structs import schema_of
 
     schema = schema_of(Scene, "Scene")
     tables = [("", schema["$ref"])]

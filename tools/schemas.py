@@ -8,10 +8,10 @@ from pathlib import Path
 import installed  # noqa: F401
 
 from hapfmt.convert.maps import MapKeys
-from hapfmt.descriptions import schema_of
 from hapfmt.lab.scenes.description import Scene
 from hapfmt.lab.study.description import StudyKeys
 from hapfmt.replay.profile.parse import ProfileKeys
+from hapfmt.structs import schema_of
 
 ROOT = Path(__file__).resolve().parents[1] / "hapfmt"
 SCHEMAS = {

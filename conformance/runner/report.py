@@ -113,7 +113,7 @@ def text(
     elif without:
         yield f"rules of SPEC.md for which no case was chosen: {len(without)} (--json has all)"
     if any(s.verb.startswith(("recover,", "encode,")) for r in results for s in r.steps):
-        yield f"referees: {', '.join(referees) or 'none'}"
+        yield f"referees: {', '.join(referees) or 'none, so only bytes were checked'}"
     slow = max(results, key=lambda result: result.seconds, default=None)
     if slow is not None and slow.seconds:
         yield f"{seconds:.1f} s; the longest case was {slow.case.id}, {slow.seconds:.2f} s"

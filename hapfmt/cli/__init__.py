@@ -30,6 +30,7 @@ SECTIONS = {
         "verify": "Check a file, and its error bounds against the original",
         "compare": "Compare two recordings, channel by channel",
         "plot": "Draw a recording",
+        "view": "Show recordings in the browser",
         "du": "Show where the bytes of a file go",
         "dump": "Print a whole file as JSON",
         "clocks": "Show offset, drift and jitter of other clocks",

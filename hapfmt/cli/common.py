@@ -46,6 +46,23 @@ LONG_SECONDS = 0.5
 """Work shorter than this shows no progress."""
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+
+
+def print_schema(ctx: click.Context, _param: click.Parameter, asked: bool) -> None:
+    if asked and not ctx.resilient_parsing:
+        path = Path(__file__).parent / "schemas" / f"{ctx.command.name}.json"
+        raw(path.read_text("utf-8"))
+        ctx.exit()
+
+
+schema_option = click.option(
+    "--schema",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=print_schema,
+    help="Print the JSON Schema of the output, without FILE.",
+)
 verbose_option = click.option(
     "-v", "--verbose", is_flag=True, help="Print each damage with its place and the rule it breaks."
 )

@@ -8,7 +8,7 @@ import click
 
 from ..format.source import open_source
 from ..limits import Limits
-from .common import input_of, memory_option
+from .common import input_of, memory_option, schema_option
 from .screen import Verb, raw
 
 
@@ -16,6 +16,7 @@ from .screen import Verb, raw
 @click.argument("file", metavar="FILE")
 @click.option("--counts", is_flag=True, help="Decode the packets and print their counts too.")
 @memory_option
+@schema_option
 def dump(file: str, counts: bool, max_memory: Limits) -> int:
     """Print FILE as one JSON array: one object for each chunk, in order, then the findings.
 

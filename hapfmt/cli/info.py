@@ -25,7 +25,7 @@ from ..numbers import counted
 from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError, TrackPair
 from ..reading.follow import Follower
 from ..reading.opening import open_catalogue
-from .common import echo_json, input_of, json_option, memory_option, tell_some
+from .common import echo_json, input_of, json_option, memory_option, schema_option, tell_some
 from .encode import bound_text, unit_text
 from .screen import JOINED, Column, Verb, clipped, complain, raw, say, table, width_of
 
@@ -110,6 +110,7 @@ SHOWN_CHARACTERS = 160
 )
 @memory_option
 @json_option
+@schema_option
 def info(
     file: str,
     with_events: bool,

@@ -20,6 +20,7 @@ from .common import (
     memory_option,
     options_by_input,
     progress,
+    schema_option,
     tell_some,
     threads_option,
     verbose_option,
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 @memory_option
 @verbose_option
 @json_option
+@schema_option
 def verify(
     file: str,
     against: str | None,

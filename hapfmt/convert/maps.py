@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from msgspec import Meta
 
 from ..descriptions import Description, DescriptionError, parse_toml, read, refuse_twice, what
 from ..errors import HapfmtError, ParameterError
+from ..structs import Meta
 from ..times import TIME_UNITS
 from .common import rate_from
 from .formats import ReadOptions
@@ -27,7 +27,7 @@ Name = Annotated[str, Meta(min_length=1, max_length=1000)]
 Rated = Annotated[float | str, what("samples per second: 1000, 35.618 or '44100/7'")]
 
 
-class MapTable(Description, frozen=True):
+class MapTable(Description):
     """Data sets with common times."""
 
     data: Annotated[Name | tuple[Name, ...], what("path of a data set, or of several")]
@@ -73,7 +73,7 @@ class MapTable(Description, frozen=True):
             raise DescriptionError("rate", str(error)) from None
 
 
-class MapKeys(Description, frozen=True):
+class MapKeys(Description):
     """Where the channels of a file are."""
 
     table: Annotated[

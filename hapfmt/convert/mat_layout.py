@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..clocks import ClockMap, ClockObservation
-from ..errors import LimitError, ParameterError
+from ..errors import LimitError, MissingExtraError, ParameterError
 from ..limits import TICK_LIMIT
 from ..numbers import checked_rate
 from ..recording import (
@@ -116,8 +116,10 @@ def write_ours(recording: Recording, target: Destination, options: WriteOptions)
 
 
 def _savemat(file: Any, variables: Mapping[str, Any]) -> None:
-    from scipy.io import savemat
-
+    try:
+        from scipy.io import savemat
+    except ImportError:
+        raise MissingExtraError("scipy", "mat") from None
     savemat(
         file, variables, appendmat=False, format="5", long_field_names=True, do_compression=True,
         oned_as="column",

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple, Protocol
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +26,7 @@ from .ros_packing import MessageTemplate
 from .timestamps import stamps_of
 
 try:
+    import msgspec
     from mcap.writer import Writer
 except ImportError:
     raise MissingExtraError("mcap", "ros") from None

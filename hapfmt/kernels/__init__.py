@@ -5,6 +5,7 @@ This module declares the types of the C functions. Each .c file has the function
 search, and names its twin. Those of codecs/ are lpcr, knots, knots_coded, huffman (QUAN), exact
 (LPCX), transform (MDCT), noise (NOIS) and levels (grids). Those of encoder/ are select, tube,
 sweep, links, quick, trellis and vectors.
+That of split.py is sections.
 Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the one before.
 lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
 """
@@ -391,6 +392,8 @@ class Kernels(Protocol):
     def quick_predictor(self) -> QuickPredictor: ...
     @property
     def noise_decode(self) -> NoiseDecode: ...
+
+    def filter_sections(self, sections: Buffer, state: Buffer, x: Buffer, /) -> None: ...
 
     def clamp_counts(
         self, numbers: Buffer, step: int, zero: int, low: int, high: int, counts: Buffer, /

@@ -14,26 +14,27 @@ from fractions import Fraction
 from math import isinf
 from typing import Annotated, Any, Literal
 
-import msgspec
 import numpy as np
-from msgspec import UNSET, Meta, Struct, UnsetType
-from msgspec.structs import asdict
 from numpy.typing import NDArray
 
-from ..descriptions import OneOf, parse_json, read
+from ..descriptions import parse_json, read
 from ..encoder.live import Input
 from ..errors import ParameterError
 from ..recording import Calibration, spans_of
+from ..structs import Meta, OneOf, Struct, keys_of
 from ..times import may_be_times
 from ..units import given_units, split_name, units_for
 from .recorder import Recorder
 
+UNSET: Any = object()
+"""A key that was not given, where null says something."""
 
-class StreamKeys(Struct, frozen=True, forbid_unknown_fields=True):
+
+class StreamKeys(Struct):
     """An object of a stream."""
 
 
-class ChannelKeys(StreamKeys, frozen=True):
+class ChannelKeys(StreamKeys):
     """A channel: what an Input has, as JSON."""
 
     label: str
@@ -50,19 +51,19 @@ class ChannelKeys(StreamKeys, frozen=True):
     lsb: float | None = None
 
     def made(self) -> Input:
-        given = asdict(self) | {"unit": given_units([self.unit])[0]}
+        given = vars(self) | {"unit": given_units([self.unit])[0]}
         if self.calibration is not None:
             given["calibration"] = Calibration(*self.calibration)
         return Input(**given)
 
 
-class HeaderKeys(StreamKeys, frozen=True):
+class HeaderKeys(StreamKeys):
     """The object at the beginning of a stream."""
 
     channels: Annotated[tuple[ChannelKeys, ...], Meta(min_length=1)]
-    metadata: dict[str, Any] = msgspec.field(default_factory=dict)
-    epoch_ns: int | Literal["now"] | UnsetType | None = UNSET
-    epoch_uncertainty_ns: int | UnsetType = UNSET
+    metadata: dict[str, Any] = field(default_factory=dict)
+    epoch_ns: int | Literal["now"] | None = UNSET
+    epoch_uncertainty_ns: int = UNSET
 
     def made(self) -> Header:
         epoch = {"epoch_ns": self.epoch_ns, "epoch_uncertainty_ns": self.epoch_uncertainty_ns}
@@ -76,13 +77,13 @@ class Action(OneOf):
     __slots__ = ()
 
 
-class Values(StreamKeys, Action, frozen=True):
+class Values(StreamKeys, Action):
     values: tuple[float | None, ...]
     channel: int | str
     tick: int | None = None
 
 
-class Mark(StreamKeys, Action, frozen=True):
+class Mark(StreamKeys, Action):
     mark: str
     time: float | None = None
     duration: float | None = None
@@ -90,7 +91,7 @@ class Mark(StreamKeys, Action, frozen=True):
     layer: str | None = None
 
 
-class Clock(StreamKeys, Action, frozen=True):
+class Clock(StreamKeys, Action):
     clock: str
     tick: int
     time_ns: int
@@ -98,25 +99,25 @@ class Clock(StreamKeys, Action, frozen=True):
     uncertainty_ns: int | None = None
 
 
-class Add(StreamKeys, Action, frozen=True):
+class Add(StreamKeys, Action):
     add: ChannelKeys
 
 
-class Skip(StreamKeys, Action, frozen=True):
+class Skip(StreamKeys, Action):
     skip: int
     channel: int | str | None = None
 
 
-class Flush(StreamKeys, Action, frozen=True):
+class Flush(StreamKeys, Action):
     flush: Any
 
 
-class More(StreamKeys, Action, frozen=True):
+class More(StreamKeys, Action):
     metadata: dict[str, Any]
 
 
 ACTIONS = (Values, Mark, Clock, Add, Skip, Flush, More)
-Action.kinds = {kind.__struct_fields__[0]: kind for kind in ACTIONS}
+Action.kinds = {next(iter(keys_of(kind))): kind for kind in ACTIONS}
 
 
 @dataclass

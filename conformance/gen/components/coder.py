@@ -114,6 +114,18 @@ def coders() -> Component:
     for row in sections(3, 20):
         cases += [coder_case(f"{row['kind']}, {states} states", [row], states) for states in (1, 4)]
     cases.append(coder_case("nothing", [], 1))
+    three = [{"kind": "class", "class": 8, "start": 8, "values": [5, -9, 30]}]
+    spare = coded(three, 1)
+    coder = Coder(spare, 1)
+    code(coder, three[0], told=False)
+    assert len(coder.raw) % 8 > 0
+    first = len(spare) - -(-len(coder.raw) // 8)
+    spare = spare[:first] + bytes([spare[first] | 128]) + spare[first + 1 :]
+    cases.append(coder_case("a bit left over that is not 0", three, 1, spare))
+    large = [2**34 - 1] * 16
+    for name, last in (("the largest magnitude", 2**34 - 1), ("a magnitude of 2^34", 2**34)):
+        values = [{"kind": "class", "class": 8, "start": 150, "values": [*large, last]}]
+        cases.append(coder_case(f"{name}, by a symbol below 15", values, 1))
     one = [sections(2, 9)[1]]
     whole = coded(one, 1)
     for name, data in (
@@ -134,7 +146,8 @@ def coders() -> Component:
         ("RNG-001", "RNG-003"),
         "Coded bytes, and the sections decoded of them. `after` each section: the states, bytes "
         "taken at the front, and raw bits. Signs follow the integers whose magnitudes are those of "
-        "`values`.",
+        "`values`. A bit of the kind `bits` is 1 with the probability p[2 * r1 + r2], r1 and r2 "
+        "being the two bits before it (9.5, Repeats).",
         cases,
     )
 

@@ -12,6 +12,11 @@ from luck import Luck
 from .component import Case, Component, tried
 
 
+def equal(seed: int, density: int) -> int:
+    """The first tick with a lowest byte of ``density``, where <= would give a pulse."""
+    return next(t for t in range(9999) if page.word_of(seed, t) % 256 == density)
+
+
 def noise() -> Component:
     rows = [
         ("seed 1", 1, 0, 0),
@@ -21,6 +26,7 @@ def noise() -> Component:
         ("a pulse at half of the ticks", 5, 0, 128),
         ("hardly any pulses", 6, 150, 1),
         ("pulses at nearly all ticks", 7, 0, 255),
+        ("a lowest byte that is the density: no pulse", 8, equal(8, 100), 100),
     ]
     cases: list[Case] = []
     for name, seed, first, density in rows:
@@ -107,6 +113,7 @@ def packets() -> Component:
         ("silence", b"", 20),
         ("gain alone", e([40, 44, 36], [], 8), 24),
         ("the last interval is shorter", e([40, 44, 36], [], 8), 17),
+        ("a falling gain, rounded down", e([1, 6, 1], [[120, -120]], 8, seed=12), 300, 1, 7),
         ("one tick", e([50], [[60]], 8), 1),
         ("to silence and back", e([40, 0, 0, 40], [[120, -100]], 8), 32),
         ("silence from the first tick", e([0, 40, 0, 0], [[120, -100]], 8), 32),

@@ -10,18 +10,15 @@ part that did not run shows 0.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any, Literal, get_args
-
-from msgspec import Meta
-from msgspec.structs import force_setattr, replace
 
 from ...descriptions import (
     Description,
     DescriptionError,
     Library,
     above,
-    fields_of,
+    assign,
     parse_toml,
     read,
     refuse_twice,
@@ -29,6 +26,7 @@ from ...descriptions import (
     within,
 )
 from ...errors import HapfmtError
+from ...structs import Meta, keys_of
 
 Integrator = Literal["explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4", "exact"]
 INTEGRATORS = get_args(Integrator)
@@ -56,7 +54,7 @@ def refuse_descending(key: str, pair: tuple[float, float]) -> None:
         raise DescriptionError(key, "begins with the larger number; write [smallest, largest]")
 
 
-class Contact(Description, frozen=True):
+class Contact(Description):
     """Spring and damper that push during contact and never pull."""
 
     n_per_m: Annotated[float, above(0, STIFFEST_N_PER_M, "stiffness in N/m")]
@@ -67,21 +65,21 @@ class Contact(Description, frozen=True):
     ) = None
 
 
-class Object(Contact, frozen=True):
+class Object(Contact):
     """The object that a hand grasps."""
 
     grip_n: Annotated[float, above(0, 200, "force of the thumb in N")] = 6.0
     width_m: Annotated[float, within(0.005, 0.1, "thickness in m")] = 0.06
 
 
-class Texture(Description, frozen=True):
+class Texture(Description):
     """A height field under the tip of a tool."""
 
     surface: Annotated[Surface, what("name of the surface")]
     relief: Annotated[float, within(0, 100, "factor on its heights")] = 1.0
 
 
-class Touches(Description, frozen=True):
+class Touches(Description):
     """Lifts the tool off the surface while it strokes, and sets it down again: contact onsets."""
 
     every_s: Annotated[float, within(1e-2, 3600, "period of the touch-downs in s")] = 2.0
@@ -95,7 +93,7 @@ class Touches(Description, frozen=True):
             raise DescriptionError("every_s", "is too short; write at least 2 x travel_s + away_s")
 
 
-class Stroke(Description, frozen=True):
+class Stroke(Description):
     """Moves over the plane with wandering speed and pressure; lifts off at the end."""
 
     speed_m_per_s: Annotated[tuple[Speed, Speed], what("[slowest, fastest] in m/s")] = (0.05, 0.07)
@@ -107,7 +105,7 @@ class Stroke(Description, frozen=True):
         refuse_descending("speed_m_per_s", self.speed_m_per_s)
 
 
-class Press(Description, frozen=True):
+class Press(Description):
     """Comes down along the normal, stays, goes up, repeats. A short hold is a tap."""
 
     press_n: Annotated[float, above(0, 100, "force of the hand in N")]
@@ -125,7 +123,7 @@ class Press(Description, frozen=True):
             )
 
 
-class Reach(Description, frozen=True):
+class Reach(Description):
     """Smooth movements from point to point in space."""
 
     extent_m: Annotated[float, above(0, 10, "side of the cube of motion in m")] = 0.2
@@ -138,7 +136,7 @@ class Reach(Description, frozen=True):
             raise DescriptionError("travel_s", "is longer than every_s; write at most that")
 
 
-class Sensor(Description, frozen=True):
+class Sensor(Description):
     """A force sensor: step, range and noise."""
 
     step_n: Annotated[float, within(1e-6, 1, "step in N")] = 0.0005
@@ -159,7 +157,7 @@ Recorded = Meta(
 )
 
 
-class Tool(Description, frozen=True):
+class Tool(Description):
     """A mass that a hand holds by a spring and a damper. It moves in one of three ways."""
 
     mass_kg: Annotated[float, within(1e-4, 100, "mass in kg")] = 0.06
@@ -193,7 +191,7 @@ class Tool(Description, frozen=True):
             )
         if self.channels:
             refuse_twice("channels", self.channels)
-            force_setattr(self, "channels", tuple(x for x in CHANNELS if x in self.channels))
+            assign(self, "channels", tuple(x for x in CHANNELS if x in self.channels))
         for name in self.channels or ():
             if name in FORCES and not self.contact:
                 raise DescriptionError("channels", f"{name!r} needs [tool.contact]; add it")
@@ -212,7 +210,7 @@ class Tool(Description, frozen=True):
         return tuple(c for c in CHANNELS if c not in FORCES and (not self.press or c[-1] == "z"))
 
 
-class Tremor(Description, frozen=True):
+class Tremor(Description):
     """Physiological tremor of the fingers."""
 
     rms_m: Annotated[float, within(0, 1e-2, "amplitude at the fingertip (rms) in m")] = 0.0001
@@ -223,7 +221,7 @@ class Tremor(Description, frozen=True):
         refuse_descending("hz", self.hz)
 
 
-class Hand(Description, frozen=True):
+class Hand(Description):
     """Closes, holds and opens. Records joints, and with an object the fingertip forces."""
 
     fingers: Annotated[
@@ -242,7 +240,7 @@ class Hand(Description, frozen=True):
     def __post_init__(self) -> None:
         super().__post_init__()
         refuse_twice("fingers", self.fingers)
-        force_setattr(self, "fingers", tuple(x for x in FINGERS if x in self.fingers))
+        assign(self, "fingers", tuple(x for x in FINGERS if x in self.fingers))
         if self.close_s + self.hold_s + self.open_s > 0.9 * self.every_s:
             raise DescriptionError(
                 "every_s", "is too short to close, hold and open; write 1.2 times their sum"
@@ -264,7 +262,7 @@ PARTS = (
 """What can be taken out of a scene by name."""
 
 
-class Scene(Description, frozen=True):
+class Scene(Description):
     """The keys of the whole scene."""
 
     name: Annotated[str, Meta(max_length=100, description="name")] = ""
@@ -302,7 +300,7 @@ class Scene(Description, frozen=True):
         """A copy with other ``seconds``, ``seed`` or ``rate_hz``, or with other ``n_per_m``,
         ``damping``, ``integrator`` or ``dt_s`` of every contact. None keeps a value."""
         asked = {name: value for name, value in given.items() if value is not None}
-        own = {each.name for each in fields_of(Contact)}
+        own = {each.name for each in keys_of(Contact).values()}
         of_contact = {name: asked.pop(name) for name in own & asked.keys()}
         if of_contact and not self.contacts:
             raise DescriptionError(

@@ -14,12 +14,12 @@ step is chosen from the stiffness.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from math import ceil, inf, sqrt
 from typing import Any
 
 import numpy as np
-from msgspec.structs import replace
 
 from ...descriptions import read
 from ...errors import ParameterError

@@ -11,12 +11,10 @@ import json
 import os
 import stat
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path
 from typing import Annotated, Any, Literal
-
-from msgspec import Meta, field
 
 from ...descriptions import (
     Description,
@@ -29,6 +27,7 @@ from ...descriptions import (
     within,
 )
 from ...errors import ParameterError
+from ...structs import Meta
 
 LARGEST_FILE = 1 << 32
 """Bytes of a recording. All of it is read into memory."""
@@ -94,7 +93,7 @@ def many(what: str) -> Meta:
     return Meta(min_length=1, max_length=100, description=what)
 
 
-class StudySession(Description, frozen=True):
+class StudySession(Description):
     """One recording, whose conditions are rated side by side."""
 
     name: Annotated[Word, what("what the session is called")]
@@ -113,7 +112,7 @@ class StudySession(Description, frozen=True):
             raise DescriptionError("to_s", "ends before it begins; write more than from_s")
 
 
-class Condition(Description, frozen=True):
+class Condition(Description):
     """How the reference comes back: encoded with a preset, low-passed, or a file of its own."""
 
     name: Annotated[Word, what("what the condition is called")]
@@ -162,7 +161,7 @@ class Condition(Description, frozen=True):
         return {name: value for name, value in given.items() if value is not None}
 
 
-class StudyKeys(Description, frozen=True, kw_only=True):
+class StudyKeys(Description, kw_only=True):
     """The keys of a study."""
 
     name: Annotated[str, Meta(max_length=80, description="what the study is called")] = ""

@@ -56,8 +56,10 @@ def level_of(reference: Channel) -> Scaling:
 def signal(channel: Channel, level: Scaling) -> NDArray[np.float64]:
     """[samples] at RATE_HZ in [-1, 1]. Gaps are silent; each stretch between two gaps is resampled
     by itself."""
-    from scipy.signal import resample_poly
-
+    try:
+        from scipy.signal import resample_poly
+    except ImportError:
+        raise MissingExtraError("scipy", "sound") from None
     ratio = (RATE_HZ / channel.rate_exact).limit_denominator(LONGEST_RATIO)
     if not ratio:
         raise ParameterError(f"{channel.rate_exact} Hz is too slow for a sound")

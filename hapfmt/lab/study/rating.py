@@ -25,11 +25,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
-from msgspec import Meta, Struct
-
 from ...descriptions import parse_json, read
 from ...errors import ParameterError
 from ...files import lock, sync_directory
+from ...structs import Meta, Struct
 from ...version import __version__
 from .description import HIGHEST, Role, Study, open_regular, refuse_special
 from .outputs import StudyOutput
@@ -86,7 +85,7 @@ Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
 """No number of a study is larger."""
 
 
-class Judged(Struct):
+class Judged(Struct, open=True):
     """What the first line says of the study."""
 
     name: str
@@ -96,7 +95,7 @@ class Judged(Struct):
     screen_share: Number
 
 
-class Rated(Struct):
+class Rated(Struct, open=True):
     """What the first line says of a condition."""
 
     name: str
@@ -106,7 +105,7 @@ class Rated(Struct):
     k: Number | str | None = None
 
 
-class AnswersHeading(Struct):
+class AnswersHeading(Struct, open=True):
     """The first line; it may have other keys too."""
 
     hapfmt_answers: Literal[1]
@@ -119,7 +118,7 @@ class AnswersHeading(Struct):
     conditions: tuple[Rated, ...]
 
 
-class Answer(Struct):
+class Answer(Struct, open=True):
     """Any other line; it may have other keys too."""
 
     trial: Annotated[int, Meta(ge=0)]

@@ -11,7 +11,7 @@ numbers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
+from math import cos, pi, sin, sqrt, tan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,14 +38,33 @@ class Mean(NamedTuple):
 
 def mean_of(values: Sequence[float], level: float = LEVEL) -> Mean:
     """Mean, standard deviation (n - 1), and the interval t * sd / sqrt(n) to both sides."""
-    from scipy.special import stdtrit
-
     n, mean = len(values), float(np.mean(values))
     if n < 2:
         return Mean(n, mean, None, None, None)
     sd = float(np.std(values, ddof=1))
-    half = float(stdtrit(n - 1, (1 + level) / 2)) * sd / sqrt(n)
+    half = student(n - 1, level) * sd / sqrt(n)
     return Mean(n, mean, sd, mean - half, mean + half)
+
+
+def student(freedom: int, level: float) -> float:
+    """The t that a share of ``level`` lies within, to both sides, at ``freedom`` degrees of
+    freedom. M. Abramowitz, I. A. Stegun, Handbook of Mathematical Functions, 1964, 26.7.3 and
+    26.7.4 give the share in terms of the angle of tangent t / sqrt(freedom)."""
+
+    def share(angle: float) -> float:
+        odd = freedom % 2
+        term = total = (cos(angle) if odd else 1.0) if freedom > 1 else 0.0
+        for n in range(2 + odd, freedom, 2):
+            term *= (n - 1) / n * cos(angle) ** 2
+            total += term
+        total *= sin(angle)
+        return (angle + total) * 2 / pi if odd else total
+
+    low, high = 0.0, pi / 2
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if share(middle) < level else (low, middle)
+    return sqrt(freedom) * tan((low + high) / 2)
 
 
 class Subject(NamedTuple):

@@ -10,12 +10,9 @@ from fractions import Fraction
 from math import isfinite
 from typing import Annotated, Any, Literal, NoReturn
 
-import msgspec
-from msgspec import Meta, Struct
-from msgspec.structs import asdict
-
-from ...descriptions import DescriptionError, Library, OneOf, above, parse_toml, read, what, within
+from ...descriptions import DescriptionError, Library, above, parse_toml, read, what, within
 from ...errors import HapfmtError
+from ...structs import Meta, OneOf, Struct, named
 from ...units import to_ucum
 from .model import (
     Actuator,
@@ -254,7 +251,6 @@ def _rests(profile: Profile, layout: ReportLayout, rest: bytes, data: bytes, at:
 LIBRARY = Library(__package__, "profile")
 LONGEST_REPORT = 4096
 """Bytes; a HID report may have 16 KiB in Linux, far more than any endpoint takes in a frame."""
-PLY = {"requirement": "PLY-001"}
 END = r"(?![\s\S])"
 """End of a pattern, in Python and in JSON schemas; $ matches before a newline in Python."""
 
@@ -291,11 +287,11 @@ def tables(low: int, high: int, what: str) -> Meta:
     return Meta(min_length=low, max_length=high, description=what)
 
 
-class Table(Struct, frozen=True, forbid_unknown_fields=True):
+class Table(Struct):
     """A table of a profile."""
 
 
-class MatchKeys(Table, frozen=True):
+class MatchKeys(Table):
     """What a device must be for the profile to fit."""
 
     vendor_id: Id16
@@ -305,7 +301,7 @@ class MatchKeys(Table, frozen=True):
     usage: Id16 | None = None
 
 
-class TimingKeys(Table, frozen=True):
+class TimingKeys(Table):
     """When frames are sent."""
 
     rate: Annotated[
@@ -313,7 +309,7 @@ class TimingKeys(Table, frozen=True):
         | Annotated[
             str, Meta(pattern="^[1-9][0-9]{0,8}/[1-9][0-9]{0,8}" + END, examples=["3000/32"])
         ],
-        Meta(description="the samples of an actuator per second", extra=PLY),
+        Meta(description="the samples of an actuator per second", requirement=LIMITS),
     ]
     frame_samples: Annotated[int, within(1, 4096, "samples of each actuator in a frame")] = 1
     hold_ms: Annotated[float, above(0, 1000, "how late a frame may be")] = 20.0
@@ -341,10 +337,10 @@ class TimingKeys(Table, frozen=True):
 
 
 def limit(what: str) -> Meta:
-    return Meta(description=what, extra=PLY)
+    return Meta(description=what, requirement=LIMITS)
 
 
-class ActuatorKeys(Table, frozen=True):
+class ActuatorKeys(Table):
     """What an actuator takes."""
 
     name: Name
@@ -354,7 +350,12 @@ class ActuatorKeys(Table, frozen=True):
     rest: Annotated[Value, limit("the value at rest, in its unit")]
     slew: Annotated[
         float,
-        Meta(gt=0, le=1e12, description="the largest change per second, in its unit", extra=PLY),
+        Meta(
+            gt=0,
+            le=1e12,
+            description="the largest change per second, in its unit",
+            requirement=LIMITS,
+        ),
     ]
     step: Annotated[float, within(1e-9, 1e9, "the value of one count, in its unit")]
     band: Literal["full", "lf", "hf"] = "full"
@@ -391,7 +392,7 @@ class ActuatorKeys(Table, frozen=True):
 
     def made(self) -> Actuator:
         """Without ``accepts``, its own unit alone."""
-        return Actuator(**asdict(self) | {"accepts": self.accepts or {self.unit: 1.0}})
+        return Actuator(**vars(self) | {"accepts": self.accepts or {self.unit: 1.0}})
 
 
 class FieldKeys(OneOf):
@@ -403,7 +404,7 @@ class FieldKeys(OneOf):
         raise NotImplementedError
 
 
-class ConstKeys(Table, FieldKeys, frozen=True):
+class ConstKeys(Table, FieldKeys):
     """Bytes that never change."""
 
     at: Place
@@ -413,7 +414,7 @@ class ConstKeys(Table, FieldKeys, frozen=True):
         return Const(self.at, bytes(self.const))
 
 
-class CounterKeys(Table, FieldKeys, frozen=True):
+class CounterKeys(Table, FieldKeys):
     """A number that goes up with each report."""
 
     at: Place
@@ -435,7 +436,7 @@ class CounterKeys(Table, FieldKeys, frozen=True):
         return Counter(self.at, integer, mask, self.shift, self.start, self.shared or "")
 
 
-class OneKeys(Table, FieldKeys, frozen=True):
+class OneKeys(Table, FieldKeys):
     """The count of an actuator."""
 
     at: Place
@@ -446,7 +447,7 @@ class OneKeys(Table, FieldKeys, frozen=True):
         return One(self.at, self.actuator, Integer(self.type))
 
 
-class SamplesKeys(Table, FieldKeys, frozen=True):
+class SamplesKeys(Table, FieldKeys):
     """All samples of a frame, interleaved."""
 
     at: Place
@@ -457,7 +458,7 @@ class SamplesKeys(Table, FieldKeys, frozen=True):
         return Samples(self.at, self.samples, Integer(self.type))
 
 
-class MappedKeys(Table, FieldKeys, frozen=True):
+class MappedKeys(Table, FieldKeys):
     """HD rumble: the amplitudes of two bands in four bytes."""
 
     at: Place
@@ -471,17 +472,15 @@ class MappedKeys(Table, FieldKeys, frozen=True):
         return Mapped(self.at, self.map, self.actuators, options)
 
 
-class CoveredKeys(Table, frozen=True):
+class CoveredKeys(Table):
     """The bytes that a CRC-32 covers."""
 
     seed: Byte | None = None
-    start: Annotated[int, Meta(ge=0, le=LONGEST_REPORT)] = msgspec.field(name="from", default=0)
-    stop: Annotated[int, Meta(ge=1, le=LONGEST_REPORT)] | None = msgspec.field(
-        name="to", default=None
-    )
+    start: Annotated[int, Meta(ge=0, le=LONGEST_REPORT)] = named("from", default=0)
+    stop: Annotated[int, Meta(ge=1, le=LONGEST_REPORT)] | None = named("to", default=None)
 
 
-class Crc32Keys(Table, FieldKeys, frozen=True):
+class Crc32Keys(Table, FieldKeys):
     """CRC-32, little-endian."""
 
     at: Place
@@ -502,7 +501,7 @@ FieldKeys.kinds = {
 }
 
 
-class ReportKeys(Table, frozen=True):
+class ReportKeys(Table):
     """The bytes of a report of a frame."""
 
     path: Path
@@ -516,7 +515,7 @@ class ReportKeys(Table, frozen=True):
         return ReportLayout(self.path, self.id, self.length, fields, self.short)
 
 
-class PayloadKeys(Table, frozen=True):
+class PayloadKeys(Table):
     """A report that never changes."""
 
     path: Path
@@ -534,7 +533,7 @@ class PayloadKeys(Table, frozen=True):
         return HidReport(self.path, bytes.fromhex(self.data))
 
 
-class ProfileKeys(Table, frozen=True, kw_only=True):
+class ProfileKeys(Table, kw_only=True):
     """What a device takes, and what it must never be given: docs/profiles.md. A profile that fits
     this schema may still break a rule that needs several values at once; hapfmt profile check knows
     all rules."""
@@ -580,7 +579,7 @@ def profile_of(values: Any, text: str) -> Profile:
         description=keys.description,
         source=keys.source,
         gain=keys.gain,
-        matches=tuple(Match(**asdict(each)) for each in keys.match),
+        matches=tuple(Match(**vars(each)) for each in keys.match),
         timing=keys.timing.made(),
         actuators=tuple(each.made() for each in keys.actuator),
         reports=tuple(each.made() for each in keys.report),

@@ -24,7 +24,7 @@ function decodeRow(coder, { coding, start, table }, count, signed) {
   return out;
 }
 
-export function decodeCodedKnots(track, bytes, span, out, offset) {
+export function decodeCodedKnots(track, bytes, span, out, offset, onKnot) {
   const { componentCount: C, countMin: low, countMax: high } = track;
   const { interpolation, grid } = track.setup;
   const { highest } = grid;
@@ -42,6 +42,7 @@ export function decodeCodedKnots(track, bytes, span, out, offset) {
     from[c] = grid.count(index[c]);
   }
   let tick = 0;
+  onKnot(tick, from);
   if (reader.left > 0) {
     const { offset: at } = reader;
     const f = reader.varint();
@@ -67,6 +68,7 @@ export function decodeCodedKnots(track, bytes, span, out, offset) {
         from[c] = count;
       }
       tick = next;
+      onKnot(tick, from);
     }
   }
   for (let c = 0; c < C; c++) putHold(out, tick * C + c, C, span - tick, from[c], low, high);

@@ -13,11 +13,12 @@ export function parseKnot(reader, track) {
   return { interpolation, coding, grid: readGrid(reader, track.level) };
 }
 
-export function decodeKnot(track, bytes, span, out, offset) {
-  (track.setup.coding === 1 ? decodeCodedKnots : decodePlainKnots)(track, bytes, span, out, offset);
+// onKnot(tick within the packet, counts before they are clamped): called for each knot.
+export function decodeKnot(track, bytes, span, out, offset, exact = false, onKnot = () => {}) {
+  (track.setup.coding === 1 ? decodeCodedKnots : decodePlainKnots)(track, bytes, span, out, offset, onKnot);
 }
 
-function decodePlainKnots(track, bytes, span, out, offset) {
+function decodePlainKnots(track, bytes, span, out, offset, onKnot) {
   const { componentCount: C, countMin: low, countMax: high } = track;
   const { interpolation, grid } = track.setup;
   const { highest } = grid;
@@ -37,6 +38,7 @@ function decodePlainKnots(track, bytes, span, out, offset) {
   };
 
   readCounts();
+  onKnot(0, to);
   from.set(to);
   while (reader.left > 0) {
     const at = reader.offset;
@@ -50,6 +52,7 @@ function decodePlainKnots(track, bytes, span, out, offset) {
     }
     from.set(to);
     tick += ticks;
+    onKnot(tick, to);
   }
   // What the last knot says of the ticks from its own on: all of them with hold, and with a single knot.
   if (interpolation === 1 && tick > 0 && tick < span - 1) {
