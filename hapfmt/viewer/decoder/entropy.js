@@ -51,7 +51,7 @@ function makeEnds(shape, scale, zeros, half) {
   return ends;
 }
 
-// Of each context the symbols of all slots, made when the context is met first, and first + 4096 * width of each symbol.
+// For each context the symbols of all slots, and first + 4096 * width of each symbol; makeShares fills them.
 function classShares(number) {
   CLASS_SHARES[number] ??= {
     symbols: new Uint8Array(4096 * CONTEXTS), shares: new Int32Array(16 * CONTEXTS), known: new Uint8Array(CONTEXTS),
