@@ -18,6 +18,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 import stalls
@@ -101,6 +102,14 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
 def residual_file() -> bytes:
     """LF and HF with a gap, 536 bytes: the worked example `residual`."""
     return (ROOT / "conformance" / "examples" / "residual.hapf").read_bytes()
+
+
+@pytest.fixture(scope="module")  # its event loop runs meanwhile, so other modules must not see it
+def chromium() -> Iterator[Any]:
+    from browser import launched
+
+    with launched() as browser:
+        yield browser
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ import pytest
 from depth import deep
 from hypothesis import given
 from hypothesis import strategies as st
+from overviews import check_bounds
 from test_plugins import install
 
 import hapfmt
@@ -115,6 +116,13 @@ def streamed(found: Import, **more) -> bytes:
     stream = io.BytesIO()
     write_import(found, stream, **more)
     return stream.getvalue()
+
+
+@given(imports(), st.sampled_from(["lossless", "near-lossless"]))
+def test_an_overview_is_that_of_what_is_decoded(found: Import, preset: str):
+    data = streamed(found, settings=Settings.of(preset), overview=True)
+    if any(whole(found).channels):
+        check_bounds(data)
 
 
 class TestLossless:

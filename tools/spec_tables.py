@@ -1,7 +1,7 @@
-"""Print SPEC.md's layout tables from hapfmt/format/layout.py.
+"""Print the layout tables of SPEC.md and docs/spec from hapfmt/format/layout.py.
 
 python tools/spec_tables.py          print every table
-python tools/spec_tables.py --write  put them into SPEC.md, between their markers
+python tools/spec_tables.py --write  put them into the pages, between their markers
 """
 
 from __future__ import annotations
@@ -13,16 +13,17 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))  # the layouts of this clone, not of an installed copy
 
-from hapfmt.format.layout import TABLES  # noqa: E402
+from hapfmt.format.layout import OVERVIEW_TABLES, TABLES  # noqa: E402
 
-SPEC = ROOT / "SPEC.md"
+PAGES = (ROOT / "SPEC.md", ROOT / "docs/spec/overview.md")
+LAYOUTS = {**TABLES, **OVERVIEW_TABLES}
 MARKED = re.compile(r"<!-- table: (?P<name>[^>]+?) -->\n.*?<!-- end -->", re.S)
 
 
 def table(name: str) -> str:
     """The Markdown table of one layout: offset, size, type, name, meaning."""
     rows = ["| offset | size | type | field | meaning |", "|---|---|---|---|---|"]
-    layout = TABLES[name]
+    layout = LAYOUTS[name]
     for field, offset in zip(layout.fields, layout.offsets.values(), strict=True):
         size, kind, meaning = field.size, field.type, field.meaning
         rows.append(f"| {offset} | {size} | {kind} | `{field.name}` | {meaning} |")
@@ -40,9 +41,10 @@ def render(text: str) -> str:
 
 def main() -> None:
     if sys.argv[1:] == ["--write"]:
-        SPEC.write_text(render(SPEC.read_text(encoding="utf-8")), encoding="utf-8")
+        for page in PAGES:
+            page.write_text(render(page.read_text(encoding="utf-8")), encoding="utf-8")
         return
-    for name in TABLES:
+    for name in LAYOUTS:
         print(f"{name}\n\n{table(name)}\n")
 
 

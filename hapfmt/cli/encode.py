@@ -444,6 +444,12 @@ def preset_options(command: Any) -> Any:
     help="The same input gives the same bytes. ID replaces the random file id: a number, or "
     '"content" to take it from what is encoded.',
 )
+@click.option(
+    "--overview",
+    is_flag=True,
+    help="Attach the lowest and highest values of each channel, bin by bin, so that a viewer shows "
+    "a long recording at once. They take at most 4 % of the file, or 16 KiB.",
+)
 @click.option("-v", "--verbose", is_flag=True, help="Say how each channel was coded, and why.")
 @threads_option
 @memory_option
@@ -457,6 +463,7 @@ def encode(
     unit: str | None,
     input_format: str | None,
     canonical: int | Literal["content"] | None,
+    overview: bool,
     force: bool,
     as_json: bool,
     threads: int | None,
@@ -504,6 +511,7 @@ def encode(
                     settings,
                     canonical=None if canonical == "content" else canonical,
                     force=force,
+                    overview=overview,
                     progress=advance,
                     threads=threads,
                 )
@@ -522,6 +530,7 @@ def encode(
                     settings,
                     canonical=canonical,
                     force=force,
+                    overview=overview,
                     progress=advance,
                     threads=threads,
                 )

@@ -18,6 +18,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, BinaryIO, NamedTuple
 
 import click
+from click.shell_completion import CompletionItem
 
 from ..files import Closing
 
@@ -459,6 +460,7 @@ GROUPS = {
         "--output-format",
         "--force",
         "--json",
+        "--schema",
         "--verbose",
         "--plot",
         "--csv",
@@ -469,8 +471,26 @@ GROUPS = {
 OPTIONS = "Options"
 
 
+class Text(click.types.StringParamType):
+    """A shell completes names of files, as it does for programs that it does not know."""
+
+    def shell_complete(
+        self,
+        ctx: click.Context,  # noqa: ARG002
+        param: click.Parameter,  # noqa: ARG002
+        incomplete: str,
+    ) -> list[CompletionItem]:
+        return [CompletionItem(incomplete, type="file")]
+
+
 class Verb(click.Command):
     """A command whose examples have a heading, and whose options come in groups."""
+
+    def __init__(self, *names: Any, **given: Any) -> None:
+        super().__init__(*names, **given)
+        for param in self.params:
+            if param.type is click.STRING:
+                param.type = Text()
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         texts, examples = self.parts()

@@ -50,8 +50,8 @@ def view(
     """Show .hapf files in the browser: all channels, pan and zoom, spectra, damage, events.
 
     A server on this computer gives the page and the parts of the files that it shows. No other
-    computer can reach it, and the page loads nothing else. FILE may be a URL. A file that is
-    being recorded grows on the page. Ctrl-C ends the server.
+    computer can reach it, and the page loads nothing else. FILE may be a URL. Ctrl-C ends
+    the server.
 
     \b
     hapfmt view touch.hapf
@@ -155,14 +155,15 @@ def serve(served: Sequence[ServedFile], port: int | None, no_browser: bool) -> N
             pass
 
 
-def open_browser(url: str) -> None:
+def open_browser(url: str) -> threading.Thread:
     """In a thread: some browsers return only when their window is closed."""
-    if sys.platform.startswith("linux") and not any(map(os.environ.get, DISPLAYS)):
-        note("no display here: open the address in a browser yourself")
-        return
 
     def start() -> None:
-        if not webbrowser.open(url):
+        if sys.platform.startswith("linux") and not any(map(os.environ.get, DISPLAYS)):
+            note("no display here: open the address in a browser yourself")
+        elif not webbrowser.open(url):
             note("no browser was found: open the address yourself")
 
-    threading.Thread(target=start, daemon=True).start()
+    thread = threading.Thread(target=start, daemon=True)
+    thread.start()
+    return thread

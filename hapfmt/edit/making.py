@@ -34,7 +34,7 @@ from ..errors import (
 )
 from ..files import Closing, atomic_write, refuse
 from ..format.cluster import Packet, parse_cluster
-from ..format.extras import Attachment
+from ..format.extras import OVERVIEW_NAMES, Attachment
 from ..format.layout import HEAD
 from ..format.source import open_source
 from ..format.track import Affine, Contract, Track, lone_lf
@@ -468,6 +468,10 @@ class Making:
             header, payload, track = chunk.header, chunk.payload, chunk.header.track
             if not header.known and header.type[3].isupper():
                 self.note(f"{header.type} chunk left out: unknown, and unsafe to copy")
+                continue
+            attached = header.known and header.type == "aTTc"
+            if attached and payload.startswith(OVERVIEW_NAMES):
+                self.note("the overview was left out: it describes the packets of another file")
                 continue
             if track != NO_TRACK:
                 place = plan.places.get(track)

@@ -223,7 +223,8 @@ class Extras:
             if header.type == "mETa":
                 parse_metadata(chunk.payload, offset)
             elif header.type == "aTTc":
-                parse_attachment(chunk.payload, offset)
+                if parse_attachment(chunk.payload, offset).is_overview:
+                    return False
             elif header.type in CLOCKS:
                 track = self.catalogue.observed_track(chunk)
                 CLOCKS[header.type](chunk.payload, track, offset)

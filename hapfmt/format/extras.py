@@ -92,6 +92,10 @@ def check_texts(value: Any) -> None:
             waiting.extend(item)
 
 
+OVERVIEW = ("overview", "application/vnd.hapf.overview")
+"""Name and media type of the overview (SPEC OVW-001)."""
+
+
 @dataclass(frozen=True)
 class Attachment:
     """A named file inside the recording."""
@@ -99,6 +103,11 @@ class Attachment:
     name: str
     media_type: str
     content: bytes
+
+    @property
+    def is_overview(self) -> bool:
+        """Whether it describes the packets of the file that it was written in."""
+        return (self.name, self.media_type) == OVERVIEW
 
     @property
     def safe_name(self) -> str:
@@ -115,6 +124,10 @@ def build_attachment(attachment: Attachment) -> bytes:
     if not attachment.name:
         raise ParameterError("an attachment has a name")
     return out + attachment.content
+
+
+OVERVIEW_NAMES = build_attachment(Attachment(*OVERVIEW, b""))
+"""What the payload of an overview begins with."""
 
 
 def parse_attachment(payload: bytes, offset: int) -> Attachment:

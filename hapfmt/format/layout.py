@@ -210,6 +210,38 @@ NOIS_PARAMETERS = Layout(
     Field("intervals", "u8", "intervals of a block"),
 )
 
+OVERVIEW_END = Layout(
+    Field("file_id", "u64", "file id of the file that it describes"),
+    Field(
+        "covered",
+        "u64",
+        "offset in the file: it describes the packets of the `DATA` chunks before it",
+    ),
+    Field("base", "u32", "ticks of a bin of level 0: a power of two, at most 2^24"),
+    Field("channel_count", "u32", "rows of channels in the table"),
+    Field("part_count", "u32", "rows of parts in the table"),
+    Field("table_crc", "u32", "CRC-32 of the table"),
+    Field("magic", "byte[4]", "`hOVW`; another version has another magic"),
+    Field("end_crc", "u32", "CRC-32 of the 36 bytes before it"),
+)
+
+OVERVIEW_CHANNEL = Layout(
+    Field("channel", "u32", "channel number"),
+    Field("first_tick", "u64", "first tick that the channel covers"),
+    Field(
+        "tick_count",
+        "u64",
+        "ticks from it up to the last that the channel covers, gaps included; 0: none",
+    ),
+    Field("low", "f64", "lowest finite value; 0 where there is none"),
+    Field("high", "f64", "highest finite value; 0 where there is none"),
+)
+
+OVERVIEW_PART = Layout(
+    Field("size", "u32", "bytes of the part"),
+    Field("crc", "u32", "CRC-32 of these bytes"),
+)
+
 TABLES: dict[str, Layout] = {
     "chunk header": CHUNK_HEADER,
     "HEAD": HEAD,
@@ -225,3 +257,10 @@ TABLES: dict[str, Layout] = {
     "NOIS parameters": NOIS_PARAMETERS,
 }
 """Name of each table in SPEC.md and its declaration, in the order of the SPEC."""
+
+OVERVIEW_TABLES: dict[str, Layout] = {
+    "overview end": OVERVIEW_END,
+    "overview channel": OVERVIEW_CHANNEL,
+    "overview part": OVERVIEW_PART,
+}
+"""The same for docs/spec/overview.md."""

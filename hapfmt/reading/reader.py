@@ -337,7 +337,9 @@ class Reader(Closing):
             epoch_uncertainty_ns=head.epoch_uncertainty_ns if head else 0,
             metadata=self.catalogue.metadata,
             attachments={
-                name: (found.media_type, found.content) for name, found in self.attachments.items()
+                name: (found.media_type, found.content)
+                for name, found in self.attachments.items()
+                if not found.is_overview
             },
             events=events_of(events, self.catalogue.channels, chosen) if events else (),
             clocks=tuple(observed_between(on_channels(seen, own), rates, start, stop)),

@@ -33,12 +33,12 @@ DECLARED = re.compile(
 )
 NAME = re.compile(r"([\w$]+)(?:\s+as\s+([\w$]+))?")
 REFUSED = (
-    (re.compile(r"\bimport\("), "import() is not bundled"),
-    (re.compile(r"\bimport\.meta\b"), "import.meta is not bundled"),
+    (re.compile(r"import\("), "import() is not bundled"),
+    (re.compile(r"import\.meta\b"), "import.meta is not bundled"),
     (re.compile(r"^[ \t]+(?:import\s*[{*'\"]|export\s+[{*\w])", re.M), "it must start the line"),
     (
-        re.compile(r"</?script|<!--|^\s*-->", re.I | re.M),
-        "this would end or break a script of HTML",
+        re.compile(r"</?[sS][cC][rR][iI][pP][tT]|<!--|^[ \t]*-->", re.M),
+        "it ends or breaks a script in HTML",
     ),
 )
 
@@ -236,9 +236,7 @@ def page(files: Sequence[Mapping[str, str]], *, connect: bool) -> Page:
             raise ParameterError(f"index.html needs {tag} once")
     library, library_style = uplot()
     styles = [library_style, (VIEWER / "page/style.css").read_text("utf-8")]
-    # Until data/ is there, nothing runs in a worker.
-    code = inert(bundle(WORKER)) if (VIEWER / WORKER).is_file() else "null"
-    worker = f"globalThis.hapfWorkerCode = {code};\n"
+    worker = f"globalThis.hapfWorkerCode = {inert(bundle(WORKER))};\n"
     scripts = [library, worker + bundle(PAGE)]
     policy = "; ".join([
         "default-src 'none'",

@@ -49,6 +49,7 @@ from ..recording import Calibration, Recording
 from ..threads import thread_count
 from .clusters import Clusters, SamplePiece, SampleRows, pieces_of
 from .filewriter import FileWriter
+from .overview import attach_overview, readable
 from .writer import Summary, clock_chunks, doubts_of, extras_of, layers_of
 
 STREAMED = 512 << 20
@@ -104,6 +105,7 @@ def write_import(
     *,
     canonical: int | None = None,
     force: bool = False,
+    overview: bool = False,
     progress: Advance | None = None,
     threads: int | None = None,
 ) -> Summary:
@@ -132,7 +134,11 @@ def write_import(
     )
     ranges = importer.ranges() if importer.needs_ranges else None
     with target(file, force) as stream:
-        return importer.run(stream, canonical, ranges)
+        if not overview:
+            return importer.run(stream, canonical, ranges)
+        importer.overview = True
+        with readable(stream) as own:
+            return importer.run(own, canonical, ranges)
 
 
 @dataclass
@@ -334,6 +340,7 @@ class Importer:
     settings: Settings
     progress: Advance
     threads: int = 1
+    overview: bool = False
     columns: list[ImportedChannel] = field(default_factory=list)
     lanes: list[list[ColumnGroup]] = field(default_factory=list)
     """By table."""
@@ -545,6 +552,8 @@ class Importer:
         self.writer.describe(self.encoder.silent(silent))
         for type_, payload, id_ in clock_chunks(self.described, list(self.writer.tracks.values())):
             self.writer.chunk(type_, payload, id_)
+        if self.overview:
+            attach_overview(self.stream, self.writer, self.threads)
         self.writer.close()
         return Summary(
             self.writer.offset,

@@ -21,7 +21,7 @@ export async function describe(session) {
   return {
     size: session.source.size, closed: file.closed, verdict: session.verdict,
     epochNs: known ? String(head.epochNs) : null, start: ends[0], stop: ends[1], metadata: file.metadata,
-    channels: described.map(({ track, ...channel }) => channel), eventTracks: eventTracksOf(file), hasOverview: false,
+    channels: described.map(({ track, ...channel }) => channel), eventTracks: eventTracksOf(file), hasOverview: session.overview !== null,
   };
 }
 

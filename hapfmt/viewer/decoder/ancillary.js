@@ -22,6 +22,12 @@ export function readAttachment(bytes, chunk) {
   return { name, mediaType, content: reader.bytes(reader.left), offset: chunk.position };
 }
 
+// OVW-009: it describes the packets of its own file.
+export function isOverview(bytes, chunk) {
+  const { name, mediaType } = readAttachment(bytes, chunk);
+  return name === 'overview' && mediaType === 'application/vnd.hapf.overview';
+}
+
 // ATT-002: the name to store an attachment under.
 export function safeName(name, number) {
   // eslint-disable-next-line no-control-regex

@@ -1,4 +1,5 @@
 // Recovering a file (docs/spec/recovery.md): writes the chunks that were found.
+import { isOverview } from './ancillary.js';
 import { isCritical, isSafeToCopy, randomId } from './chunk.js';
 import { descriptionsOf } from './describe.js';
 import { INDEX_STRETCH, durationNs, packetMs } from './indexes.js';
@@ -39,7 +40,7 @@ export function recoverFile(bytes, { fileId } = {}) {
     } else if (chunk.known && chunk.good && type !== 'dGST') {
       const lostTrack = (type === 'cLOk' || type === 'cMAp') && track !== 0xffff && !kept.has(track);
       if (lostTrack) dropped++;
-      else writer.write(type, payload, { track, flags: flags & 0xff00 });
+      else if (type !== 'aTTc' || !isOverview(file.bytes, chunk)) writer.write(type, payload, { track, flags: flags & 0xff00 });
     } else if (!chunk.known && chunk.intact && !chunk.tooLarge) {
       if (isCritical(chunk) || isSafeToCopy(chunk) || !harmed) writer.write(type, payload, { track, flags });
       else dropped++;

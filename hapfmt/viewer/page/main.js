@@ -1,48 +1,289 @@
-// Each file: its verdict and a drawing of each channel.
-import { channelsOf } from '../decoder/channels.js';
-import { decodeFile } from '../decoder/decode.js';
-import { openFile } from '../decoder/file.js';
+// The page: its state, its parts, and what happens when something changes.
+import { ChannelList, chooseLanes } from './channels.js';
+import { Cursors } from './cursors.js';
+import { Dock } from './dock.js';
+import { eachFrame, element, setText } from './dom.js';
+import { acceptDrops } from './drop.js';
+import { Flags, markText } from './flags.js';
+import { applyChannels, readHash, readHashOfFiles, writeHash } from './hash.js';
+import { Head } from './head.js';
+import { Help, listenToKeys } from './keyboard.js';
+import { collectMarks, concerns, spanOf } from './marks.js';
+import { Panels } from './panels.js';
+import { Pointer } from './pointer.js';
+import { Readings } from './readings.js';
+import { addRecording, canAlignByEpoch, closeAll, timeLine } from './recordings.js';
+import { Selection } from './selection.js';
+import { Signals } from './signals.js';
 import { listSources } from './sources.js';
+import { Store } from './store.js';
+import { Strip } from './strip.js';
+import { damageTab, eventsTab, checkedText } from './tab-marks.js';
+import { filesTab } from './tab-files.js';
+import { valuesTab } from './tab-values.js';
+import { applyTheme, nextTheme } from './theme.js';
+import { TimeAxis } from './times.js';
+import { hideTip, showTip } from './tip.js';
+import { moveInto, setView, showAll, zoom } from './view.js';
 
-const main = document.getElementById('recordings');
+const TABS = [valuesTab, eventsTab, damageTab, filesTab];
 
-function add(parent, tag, text) {
-  const element = document.createElement(tag);
-  element.textContent = text;
-  parent.append(element);
-  return element;
+const DEFAULTS = {
+  mode: 'stacked', bands: ['sum'], fit: 'view', theme: 'auto', align: 'epoch', deadband: false, knots: false,
+  dock: true, dockHeight: 190, side: true, tab: 'values', filter: '',
+};
+
+const at = (id) => document.getElementById(id);
+const fixed = { ...DEFAULTS, dock: innerHeight >= 700, side: innerWidth >= 700 };
+
+const state = new Store({
+  entries: [], failures: [], wholeDamage: [], pending: 0, progress: '', lanes: [], matching: [], start: 0, stop: 1, t0: 0, t1: 1, moved: false,
+  marks: { event: { list: [], starts: new Float64Array() }, damage: { list: [], starts: new Float64Array() } },
+  hover: null, a: null, b: null, focus: null, selecting: false, ...fixed, ...readHash(),
+});
+
+const app = { state, selection: new Selection(), ready: false };
+app.app = app;
+app.signals = new Signals(state, { wanted: () => app.panels.visibleLanes, width: () => app.panels.plotWidth, onData: () => drawSoon() });
+app.panels = new Panels(state, app.signals, at('panels'));
+app.readings = new Readings(state, app.signals, () => drawSoon());
+app.cursors = new Cursors(app, at('lines'));
+app.axis = new TimeAxis(state, app.panels, at('times'));
+app.strip = new Strip(app, at('strip'));
+app.flags = new Flags(app, at('flags'));
+app.help = new Help();
+
+const actions = {
+  toggle: (key) => state.set({ [key]: !state[key] }),
+  toggleMode: () => state.set({ mode: state.mode === 'stacked' ? 'overlaid' : 'stacked' }),
+  toggleFit: () => state.set({ fit: state.fit === 'view' ? 'all' : 'view' }),
+  toggleTheme: () => state.set({ theme: nextTheme(state.theme) }),
+  toggleAlign: () => canAlignByEpoch(state.entries) && state.set({ align: state.align === 'epoch' ? 'start' : 'epoch' }),
+  toggleBand: (band) => {
+    const bands = ['sum', 'lf', 'hf'].filter((one) => (one === band) !== state.bands.includes(one));
+    if (bands.length) state.set({ bands });
+  },
+  showAll: () => showAll(state),
+  zoomBy: (factor) => zoom(state, factor),
+  clear: () => {
+    app.selection.clear();
+    state.set({ a: null, b: null, focus: null });
+  },
+  stepCursor: (samples) => {
+    const lane = state.lanes.find(({ key }) => key === state.focus) ?? app.panels.visibleLanes[0];
+    if (!lane) return;
+    const name = state.b !== null ? 'b' : 'a';
+    const number = Math.round(((state[name] ?? (state.t0 + state.t1) / 2) - lane.entry.offset) * lane.rate) + samples;
+    const time = number / lane.rate + lane.entry.offset;
+    state.set({ [name]: time });
+    moveInto(state, time);
+  },
+  stepLane: (step) => {
+    if (!state.lanes.length) return;
+    const now = state.lanes.findIndex(({ key }) => key === state.focus);
+    const next = state.lanes[now < 0 ? 0 : Math.max(0, Math.min(state.lanes.length - 1, now + step))];
+    actions.focusLane(next);
+    actions.say(next.name);
+  },
+  focusLane: (lane) => {
+    state.set({ focus: lane.key });
+    app.panels.scrollTo(lane);
+  },
+  scrollPanels: (direction) => {
+    at('panels').scrollTop += direction * at('panels').clientHeight * 0.9;
+  },
+  focusFilter: () => {
+    state.set({ side: true });
+    at('filter').focus();
+  },
+  chooseFiles: () => chooser.click(),
+  openFiles: async (files, replace) => {
+    if (replace) {
+      closeAll(state);
+      app.signals.forget();
+      state.set({ moved: false, a: null, b: null, focus: null });
+      app.selection.clear();
+    }
+    await Promise.all(files.map((file) => addRecording(state, { name: file.name, blob: file })));
+  },
+  verifyAll: async () => {
+    for (const entry of state.entries) {
+      entry.checked = 'checking';
+      state.tell(new Set(['facts']));
+      try {
+        entry.findings = await entry.recording.verify();
+        entry.checked = checkedText(entry.findings);
+      } catch (error) {
+        entry.checked = `not checked: ${error.message}`;
+      }
+      state.tell(new Set(['facts']));
+    }
+  },
+  say: (text) => setText(at('status'), text),
+};
+Object.assign(app, actions);
+
+const chooser = element('input', {
+  type: 'file', multiple: true, accept: '.hapf', hidden: true, 'aria-label': 'Files to open',
+  onchange: () => {
+    app.openFiles([...chooser.files], false);
+    chooser.value = '';
+  },
+});
+document.body.append(chooser);
+
+app.channels = new ChannelList(app, at('side'));
+app.head = new Head(app, at('facts'), at('tools'));
+app.dock = new Dock(app, at('dock'), TABS);
+app.pointer = new Pointer({ ...app, onHover }, at('panels'));
+
+function draw() {
+  const began = performance.now();
+  app.panels.draw();
+  app.axis.draw();
+  const lane = app.strip.lane();
+  if (lane) app.signals.refreshWhole(lane, app.panels.plotWidth);
+  app.strip.draw();
+  app.flags.draw();
+  app.cursors.draw();
+  app.dock.update();
+  app.signals.refresh();
+  frames.push(performance.now() - began);
+  if (frames.length > 1000) frames.shift();
 }
 
-async function bytesOf({ url, bytes }) {
-  if (bytes) return bytes;
-  const answer = await fetch(url);
-  if (!answer.ok) throw new Error(`the server answers ${answer.status}`);
-  return new Uint8Array(await answer.arrayBuffer());
-}
+const frames = [];
+const drawSoon = eachFrame(draw);
+const hoverSoon = eachFrame(() => {
+  app.cursors.draw();
+  app.dock.update();
+});
 
-async function show(source) {
-  const section = add(main, 'section', '');
-  add(section, 'h1', source.name);
-  const file = openFile(await bytesOf(source));
-  if (file.refused) throw file.refused;
-  const { channels } = channelsOf(file, decodeFile(file));
-  for (const channel of channels) {
-    const label = channel.track.labels[channel.component];
-    const unit = channel.track.units[channel.component];
-    const values = channel.parts.flatMap((part) => Array.from(part.numbers()));
-    const title = `${label || `channel ${channel.channel}`} (${values.length} samples)`;
-    const data = [values.map((_, i) => i), values];
-    new uPlot({ title, width: 800, height: 160, scales: { x: { time: false } }, series: [{}, { label: unit }] }, data, section);
+// Damage under the pointer tells its finding.
+function onHover(event) {
+  if (!event || state.hover === null) {
+    hideTip();
+    return;
   }
-  return { name: source.name, channels: channels.length };
+  const { top } = at('panels').getBoundingClientRect();
+  const group = app.panels.groups[Math.floor((event.clientY - top + at('panels').scrollTop) / app.panels.rowHeight)];
+  const near = (2 * (state.t1 - state.t0)) / app.panels.plotWidth;
+  const found = group && state.marks.damage.list.find((mark) => spanOf(mark)[0] - near <= state.hover && spanOf(mark)[1] + near >= state.hover
+    && group.lanes.some((lane) => concerns(mark, lane)));
+  if (found) showTip(markText(found), event.clientX, event.clientY);
+  else hideTip();
 }
 
-const ready = Promise.all(listSources().map(async (source) => {
-  try {
-    return await show(source);
-  } catch (error) {
-    add(main, 'p', `${source.name}: ${error.message}`);
-    return { name: source.name, error: error.message };
+function showEmpty() {
+  const { empty } = app.panels;
+  const total = state.entries.reduce((sum, { lanes }) => sum + lanes.length, 0);
+  let text = '';
+  if (state.pending && !state.entries.length) text = state.progress || 'Reading …';
+  else if (!state.entries.length) text = state.failures.length ? 'Nothing to show. Drop another .hapf file here, or press Open.' : 'Drop a .hapf file here, or press Open.';
+  else if (!total) text = 'This recording has no channels.';
+  else if (!state.matching.length) text = 'No channel matches the filter.';
+  else if (!state.lanes.length) text = 'No channel is shown. Choose some in the list.';
+  setText(empty, text);
+  empty.hidden = !text;
+}
+
+function showFailures() {
+  at('notices').replaceChildren(...state.failures.map((failure) => element('p', { class: 'notice' }, element('bdi', {}, failure.text), element('button', {
+    type: 'button', 'aria-label': 'Close this message', onclick: () => state.set({ failures: state.failures.filter((one) => one !== failure) }),
+  }, '×'))));
+}
+
+function rebuild() {
+  app.panels.build();
+  showEmpty();
+  drawSoon();
+}
+
+state.on(['t0', 't1'], () => {
+  const whole = state.stop - state.start;
+  state.moved = Math.abs(state.t0 - (state.start - whole * 0.02)) > whole * 1e-9 || Math.abs(state.t1 - (state.stop + whole * 0.02)) > whole * 1e-9;
+  drawSoon();
+});
+state.on(['entries', 'filter', 'shown'], () => {
+  chooseLanes(state);
+  app.channels.update();
+  rebuild();
+});
+state.on(['start', 'stop'], () => {
+  if (state.moved) setView(state, state.t0, state.t1);
+  else showAll(state);
+});
+state.on(['align'], () => {
+  state.set(timeLine(state.entries, state.align));
+  collectMarks(state);
+  drawSoon();
+});
+state.on(['entries', 'marks', 'start', 'stop'], () => {
+  collectMarks(state);
+  drawSoon();
+});
+state.on(['entries', 'facts', 'mode', 'bands', 'deadband', 'knots', 'fit', 'selecting', 'align', 'theme', 'side', 'marks'], () => app.head.update());
+state.on(['mode', 'bands'], rebuild);
+state.on(['mode', 'focus'], () => app.channels.update());
+state.on(['deadband', 'knots', 'fit', 'focus', 'signals', 'a', 'b', 'tab', 'dock', 'dockHeight', 'facts'], drawSoon);
+state.on(['hover'], hoverSoon);
+state.on(['failures', 'pending', 'progress'], () => {
+  showFailures();
+  showEmpty();
+});
+state.on(['side'], () => document.body.classList.toggle('no-side', !state.side));
+state.on(['theme'], () => {
+  applyTheme(state.theme);
+  app.channels.update();
+  rebuild();
+});
+app.selection.onChange(drawSoon);
+matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => state.tell(new Set(['theme'])));
+new ResizeObserver(drawSoon).observe(at('panels'));
+at('panels').addEventListener('scroll', drawSoon);
+listenToKeys(app);
+acceptDrops(app);
+
+applyTheme(state.theme);
+document.body.classList.toggle('no-side', !state.side);
+app.head.update();
+showEmpty();
+drawSoon();
+
+// The files of the page, then what the URL says of them.
+async function start() {
+  await Promise.all(listSources().map((source) => addRecording(state, source)));
+  showHash();
+  app.ready = true;
+  writeHash(app, fixed);
+  window.addEventListener('hashchange', () => {
+    state.set({ ...fixed, a: null, b: null, focus: null, ...readHash() });
+    showHash();
+  });
+}
+
+function showHash() {
+  const { view, selection, channels } = readHashOfFiles();
+  if (channels !== null) {
+    applyChannels(state.entries, channels);
+    state.tell(new Set(['shown']));
   }
-}));
-window.hapf = { ready };
+  if (view) setView(state, ...view);
+  if (selection) app.selection.set(...selection);
+}
+
+// For tests and figures.
+window.hapf = {
+  app, state, frames,
+  get recordings() {
+    return state.entries.map(({ recording }) => recording);
+  },
+  get view() {
+    return { t0: state.t0, t1: state.t1 };
+  },
+  get idle() {
+    return !app.signals.busy && !state.pending;
+  },
+  stats: () => Promise.all(state.entries.map(({ recording }) => recording.stats())),
+  ready: start(),
+};

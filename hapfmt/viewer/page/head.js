@@ -1,0 +1,84 @@
+// The files' facts and the buttons at the top.
+import { element, setText } from './dom.js';
+import { formatBytes, formatDuration, formatRate, plural } from './format.js';
+import { BANDS, describeTheme } from './theme.js';
+import { canAlignByEpoch } from './recordings.js';
+
+const PRESET = /: *(lossless|near-lossless|perceptual|paper)\b/;
+
+// Facts of a file in a few words: [{ text, title }].
+export function factsOf({ recording, lanes }) {
+  const rates = [...new Set(lanes.map(({ rate }) => rate))].sort((a, b) => a - b);
+  const shown = rates.length > 3 ? `${formatRate(rates[0])} to ${formatRate(rates[rates.length - 1])}` : rates.map(formatRate).join(', ');
+  const preset = PRESET.exec(String(recording.metadata?.encoder ?? ''))?.[1];
+  const bounded = lanes.filter(({ channel }) => channel.deadband).length;
+  return [
+    formatDuration(recording.stop - recording.start),
+    plural(lanes.length, 'channel'),
+    shown,
+    formatBytes(recording.size),
+    preset,
+    bounded ? (bounded === lanes.length ? 'deadband' : `deadband on ${plural(bounded, 'channel')}`) : null,
+  ].filter(Boolean);
+}
+
+export class Head {
+  constructor(app, facts, tools) {
+    Object.assign(this, app, { facts });
+    const { state } = this;
+    const button = (text, title, run) => element('button', { type: 'button', title, onclick: run }, text);
+    const toggle = (text, title, run) => element('button', { type: 'button', title, 'aria-pressed': 'false', onclick: run }, text);
+    const group = (label, ...buttons) => element('span', { class: 'group', role: 'group', 'aria-label': label }, ...buttons);
+    this.buttons = {
+      side: toggle('Channels', 'List of channels (c)', () => this.app.toggle('side')),
+      stacked: toggle('Stacked', 'One chart for each channel (m)', () => state.set({ mode: 'stacked' })),
+      overlaid: toggle('Overlaid', 'One chart for each unit (m)', () => state.set({ mode: 'overlaid' })),
+      ...Object.fromEntries(Object.entries(BANDS).map(([band, text], i) => [band, toggle(text, `${text} (${i + 1})`, () => this.app.toggleBand(band))])),
+      deadband: toggle('Deadband', 'How far the source may be from the line (d)', () => this.app.toggle('deadband')),
+      knots: toggle('Knots', 'Support points of the slow part (k)', () => this.app.toggle('knots')),
+      fit: toggle('Fit', 'Scale to what is in sight, not to the whole recording (y)', () => this.app.toggleFit()),
+      select: toggle('Select', 'Drag to select a span of time; or hold Shift', () => this.app.toggle('selecting')),
+      align: toggle('By epoch', 'Align the files by their epochs, or by their starts (e)', () => this.app.toggleAlign()),
+      theme: button('Dark', 'Light or dark (t)', () => this.app.toggleTheme()),
+    };
+    const b = this.buttons;
+    this.bands = group('Bands', b.sum, b.lf, b.hf);
+    this.bounds = group('Deadband', b.deadband, b.knots);
+    for (const band of Object.keys(BANDS)) b[band].prepend(element('span', { class: `dot ${band}`, 'aria-hidden': 'true' }));
+    tools.append(b.side, group('Charts', b.stacked, b.overlaid), this.bands, this.bounds, group('Scale', b.fit), group('Selection', b.select), b.align,
+      element('span', { class: 'space' }),
+      group('Zoom', button('−', 'Zoom out (−)', () => this.app.zoomBy(1.6)), button('All', 'Show all (0)', () => this.app.showAll()), button('+', 'Zoom in (+)', () => this.app.zoomBy(1 / 1.6))),
+      button('Open', 'Open more files (o)', () => this.app.chooseFiles()), b.theme,
+      button('?', 'Keys and help (?)', () => this.app.help.open()));
+  }
+
+  update() {
+    const { state, buttons } = this;
+    const pressed = {
+      side: state.side, stacked: state.mode === 'stacked', overlaid: state.mode === 'overlaid', deadband: state.deadband, knots: state.knots,
+      fit: state.fit === 'view', select: state.selecting, align: state.align === 'epoch',
+      ...Object.fromEntries(Object.keys(BANDS).map((band) => [band, state.bands.includes(band)])),
+    };
+    for (const [name, on] of Object.entries(pressed)) buttons[name].setAttribute('aria-pressed', String(on));
+    const lanes = state.entries.flatMap((entry) => entry.lanes);
+    this.bands.hidden = !lanes.some(({ channel }) => channel.bands.length > 1);
+    buttons.deadband.hidden = !lanes.some(({ channel }) => channel.deadband);
+    buttons.knots.hidden = !lanes.some(({ channel }) => channel.hasKnots);
+    this.bounds.hidden = buttons.deadband.hidden && buttons.knots.hidden;
+    buttons.align.hidden = !canAlignByEpoch(state.entries);
+    describeTheme(buttons.theme);
+    this.facts.replaceChildren(...(state.entries.length ? state.entries.map((entry) => this.file(entry)) : [element('h1', {}, 'hapfmt view')]));
+    const names = state.entries.map(({ name }) => name).join(', ');
+    setText(document.querySelector('title'), names ? `${names} · hapfmt view` : 'hapfmt view');
+  }
+
+  file(entry) {
+    const { recording } = entry;
+    const verdict = entry.checked ?? recording.verdict;
+    const bad = !/^intact/.test(verdict) || entry.damage.length > 0;
+    const badge = element('button', {
+      type: 'button', class: bad ? 'badge bad' : 'badge', title: 'Damage and the check of whole files', onclick: () => this.state.set({ tab: 'damage', dock: true }),
+    }, verdict);
+    return element('div', { class: 'file-facts' }, element('h1', {}, element('bdi', {}, entry.name)), element('span', { class: 'facts' }, factsOf(entry).join(' · ')), badge);
+  }
+}

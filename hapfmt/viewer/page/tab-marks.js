@@ -1,0 +1,75 @@
+// Lists of events and of damage; a click goes there.
+import { element } from './dom.js';
+import { formatTime, plural } from './format.js';
+import { spanOf } from './marks.js';
+import { markText } from './flags.js';
+import { Rows } from './rows.js';
+import { showSpan } from './view.js';
+
+export const eventsTab = {
+  id: 'events', title: 'Events', create: (app) => new Marks(app, { kind: 'event', title: 'Events', none: 'No file has events.' }),
+};
+
+export const damageTab = { id: 'damage', title: 'Damage', create: (app) => new Damage(app) };
+
+class Marks {
+  constructor(app, { kind, title, none }) {
+    Object.assign(this, app, { kind, name: title });
+    this.list = [];
+    this.rows = new Rows({
+      label: title, rowHeight: 22, empty: none,
+      render: (i, row) => this.render(this.list[i], row),
+      act: (i) => this.go(this.list[i]),
+    });
+    this.element = element('div', { class: `marks ${kind}` }, this.rows.element);
+  }
+
+  marks() {
+    const { list } = this.state.marks[this.kind];
+    return this.kind === 'damage' ? [...this.state.wholeDamage, ...list] : list;
+  }
+
+  title() {
+    const { length } = this.marks();
+    return length ? `${this.name} ${length}` : this.name;
+  }
+
+  update() {
+    this.list = this.marks();
+    this.rows.setCount(this.list.length);
+  }
+
+  render(mark, row) {
+    const [start, stop] = spanOf(mark);
+    const time = mark.whole ? 'whole file' : `${formatTime(start, 3)}${stop > start ? ` to ${formatTime(stop, 3)}` : ''} s`;
+    const file = this.state.entries.length > 1 ? `${mark.entry.name}: ` : '';
+    row.title = markText(mark);
+    row.append(element('span', { class: 'when' }, time), element('bdi', {}, file + markText(mark)));
+  }
+
+  go(mark) {
+    if (!mark.whole) showSpan(this.state, ...spanOf(mark));
+    const lane = mark.channels && mark.entry.lanes.find(({ index }) => index === mark.channels[0]);
+    if (lane) this.app.focusLane(lane);
+  }
+}
+
+class Damage extends Marks {
+  constructor(app) {
+    super(app, { kind: 'damage', title: 'Damage', none: 'No damage was found in what was read so far.' });
+    this.said = element('span', { class: 'said' });
+    this.check = element('button', { type: 'button', onclick: () => this.app.verifyAll() }, 'Check whole files');
+    this.element.prepend(element('div', { class: 'bar' }, this.check, this.said));
+  }
+
+  update() {
+    super.update();
+    const parts = this.state.entries.filter(({ checked }) => checked !== undefined).map(({ name, checked }) => `${name}: ${checked}`);
+    this.said.textContent = parts.join(' · ');
+    this.rows.empty = this.state.entries.some(({ findings }) => findings) ? 'No damage.' : 'No damage was found in what was read so far.';
+  }
+}
+
+export function checkedText({ verdict, findings }) {
+  return findings.length ? `${verdict}, ${plural(findings.length, 'finding')}` : verdict;
+}
