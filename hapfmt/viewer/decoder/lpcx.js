@@ -267,8 +267,8 @@ function readExact(track, rest, base, span, counts) {
   for (const component of decodingOrder(setup)) {
     const values = columns[component];
     const halves = new Int32Array(values.buffer);
-    const column = new Int32Array(span);
-    for (let t = 0, at = component; t < span; t++, at += C) column[t] = counts[at];
+    const column = C === 1 ? counts : new Int32Array(span);
+    if (C > 1) for (let t = 0, at = component; t < span; t++, at += C) column[t] = counts[at];
     const placed = setup[component].rule === RULE_SIGNIFICANT ? placesOf(column) : null;
     fillValues(setup[component], track.calibrations[component], column, placed, values);
     const corrections = readCorrections(parts[component].bytes, parts[component].offset, placed, column);
