@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,6 +46,20 @@ def test_files_keep_their_order(chromium: Any) -> None:
     with served(chromium, EXAMPLES) as seen:
         names = seen.page.evaluate("window.hapf.recordings.map(({ name }) => name)")
         assert names == [path.name for path in EXAMPLES]
+
+
+@pytest.mark.parametrize(
+    "kind", ["valid", "uncommon", "limits", "recoverable", "invalid", "future"]
+)
+def test_files_of_the_suite(chromium: Any, kind: str) -> None:
+    """Damaged and hostile ones too: each is shown, or refused with a message."""
+    found = sorted((ROOT / "conformance" / "vectors" / kind).glob("*.hapf"))
+    small = [path for path in found if path.stat().st_size < 200_000]
+    files = random.Random(1).sample(small, min(len(small), 12))
+    with served(chromium, files) as seen:
+        shown = seen.page.evaluate("window.hapf.recordings.length")
+        refused = seen.page.evaluate("document.querySelectorAll('#notices p').length")
+        assert shown + refused == len(files)
 
 
 class Growing(ServedFile):
