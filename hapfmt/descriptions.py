@@ -10,6 +10,7 @@ import json
 import re
 import tomllib
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -120,8 +121,12 @@ def taken(arm: Arm, value: Any, at: str) -> Any:
 def items_of(arm: Arm, value: Sequence[Any], at: str) -> Any:
     kinds = arm.parts
     if kinds[-1] is Ellipsis:
-        if set(map(type, value)) <= plain_types(kinds[0]):
+        found, plain = set(map(type, value)), plain_types(kinds[0])
+        if found <= plain:
             return tuple(value)
+        if float in plain and found <= plain | {int}:
+            with suppress(OverflowError):
+                return tuple(float(each) if type(each) is int else each for each in value)
         kinds = kinds[:1] * len(value)
     if len(kinds) != len(value) or not keeps(arm.rules, value):
         return UNFIT

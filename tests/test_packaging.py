@@ -80,6 +80,34 @@ class TestMetadata:
         words = ("-m", "check_jsonschema", "--builtin-schema", "vendor.citation-file-format")
         run(sys.executable, *words, "CITATION.cff", cwd=ROOT)
 
+    def test_the_conda_recipe_has_the_same_dependencies(self):
+        text = (ROOT / "packaging" / "conda" / "recipe.yaml").read_text("utf-8")
+        assert f'version: "{hapfmt.__version__}"' in text
+        needed = text.split("  run:\n")[1].split("\n\n")[0]
+        names = [line.strip().removeprefix("- ") for line in needed.splitlines()]
+        wanted = [f"python{PROJECT['requires-python']}", *PROJECT["dependencies"]]
+        assert [name.replace(" ", "") for name in names] == wanted
+        build = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["build-system"]
+        host = text.split("  host:\n")[1].split("  run:\n")[0]
+        assert set(build["requires"]) <= {line.replace(" ", "")[1:] for line in host.splitlines()}
+
+    @pytest.mark.deep
+    def test_the_conda_recipe_renders(self):
+        """For each version of Python that is given."""
+        rattler = pytest.importorskip("rattler_build")
+        recipe = rattler.Stage0Recipe.from_file(str(ROOT / "packaging" / "conda" / "recipe.yaml"))
+        variants = "c_compiler: [gcc]\nc_stdlib: [sysroot]\npython: ['3.11.*', '3.14.*']\n"
+        found = recipe.render(rattler.VariantConfig.from_yaml(variants))
+        assert len(found) == 2
+        for each in found:
+            about = each.recipe.to_dict()
+            assert about["package"]["version"] == hapfmt.__version__
+
+    def test_the_workflow_keeps_its_schema(self):
+        pytest.importorskip("check_jsonschema")
+        words = ("-m", "check_jsonschema", "--builtin-schema", "vendor.github-workflows")
+        run(sys.executable, *words, ".github/workflows/packages.yml", cwd=ROOT)
+
     def test_classifiers(self):
         known = pytest.importorskip("trove_classifiers").classifiers
         assert set(PROJECT["classifiers"]) <= known
@@ -91,7 +119,7 @@ class TestSdist:
     def test_it_holds_all_that_is_under_version_control(self, sdist):
         with tarfile.open(sdist) as archive:
             found = {name.partition("/")[2] for name in archive.getnames()}
-        wanted = {name for name in published() if not name.startswith(".git")}
+        wanted = set(published())
         assert wanted <= found
         made = re.compile(r"hapfmt\.egg-info(/|$)|PKG-INFO$|setup\.cfg$|$")
         files = {name for name in found if not (ROOT / name).is_dir()}

@@ -138,6 +138,7 @@ def test_the_page_lists_every_program():
         (["texture_rates.py", "--quick"], "simulated sand"),
         (["messages.py", "--quick"], "| wrench and joints, 27 channels |"),
         (["throughput.py", "--quick"], "exact values, recall, readable"),
+        (["overview.py", "--seconds", "4", "--fast-only"], "smallest bin"),
         pytest.param(["lazy.py", "--seconds", "20"], "by URL", marks=pytest.mark.deep),
         pytest.param(
             ["archives.py", "--files", "5", "--megabytes", "2", "--jobs", "1"],

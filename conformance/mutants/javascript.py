@@ -132,9 +132,9 @@ MUTANTS = (
         "Negative corrections of LPCX lose their borrow from the lower half.",
         "EXA-007 EXA-006",
         Edit(
-            "lpcx.js",
-            "this.upper = this.lower === 0 ? -this.upper | 0 : ~this.upper;",
-            "this.upper = -this.upper | 0;",
+            "entropy.js",
+            "upper[i] = (high ^ minus) - (sum === 0 ? minus : 0);",
+            "upper[i] = (high ^ minus) - minus;",
         ),
     ),
     javascript(

@@ -5,7 +5,7 @@ import { decodeEvents, decodePacket, parseParameters } from '../../../hapfmt/vie
 import { seedOf } from '../../../hapfmt/viewer/decoder/chunk.js';
 import { crc32 } from '../../../hapfmt/viewer/decoder/crc32.js';
 import { TrackDigest } from '../../../hapfmt/viewer/decoder/digest.js';
-import { valueRule } from '../../../hapfmt/viewer/decoder/exact.js';
+import { fillValues } from '../../../hapfmt/viewer/decoder/exact.js';
 import { DeadbandGrid, UniformGrid } from '../../../hapfmt/viewer/decoder/grid.js';
 import { clamp, floorDiv, floorDivBig, rdiv, rdivBig } from '../../../hapfmt/viewer/decoder/integers.js';
 import { decodeIndices } from '../../../hapfmt/viewer/decoder/lpcr.js';
@@ -279,8 +279,10 @@ export const components = {
   'exact-values'(c) {
     const [A, B, D] = c.calibration.map(Number);
     const coefficients = c.coefficients && [...new Float64Array(BigUint64Array.from(c.coefficients, (hex) => BigInt(`0x${hex}`)).buffer)];
-    const valueOf = valueRule(c.rule, c.digits, { A, B, D }, coefficients);
-    return { values: c.counts.map((count) => bitsOfNumber(valueOf(count))) };
+    const values = new Float64Array(c.counts.length);
+    const placed = { distinct: c.counts, places: c.counts.map((_, i) => i) };
+    fillValues({ rule: c.rule, digits: c.digits, coefficients }, { A, B, D }, c.counts, placed, values);
+    return { values: [...values].map(bitsOfNumber) };
   },
   places(c) {
     const halves = new Int32Array(BigUint64Array.of(BigInt(`0x${c.bits}`)).buffer);

@@ -4,6 +4,7 @@ import { fileURLToPath } from 'node:url';
 import { HapfError } from '../../../hapfmt/viewer/decoder/error.js';
 import { components as codecs } from './test-components.js';
 import { containers } from './test-container.js';
+import { compareQuick } from './test-quick.js';
 import { checkFile } from './test-vectors.js';
 
 const CONFORMANCE = fileURLToPath(new URL('../../', import.meta.url));
@@ -71,5 +72,11 @@ for (const set of existsSync(`${CONFORMANCE}expected`) ? readdirSync(`${CONFORMA
   }
   failures += tried - passed;
   console.log(`${set}: ${passed} of ${tried}`);
+}
+if (wanted.length === 0 || wanted.includes('quick')) {
+  for (const [name, [agreed, cases]] of compareQuick()) {
+    failures += cases - agreed;
+    console.log(`${name}: ${agreed} of ${cases}`);
+  }
 }
 process.exitCode = failures > 0 ? 1 : 0;

@@ -21,7 +21,7 @@ export async function describe(session) {
   return {
     size: session.source.size, closed: file.closed, verdict: session.verdict,
     epochNs: known ? String(head.epochNs) : null, start: ends[0], stop: ends[1], metadata: file.metadata,
-    channels: described.map(({ track, ...channel }) => channel), eventTracks: eventTracksOf(file), hasOverview: false,
+    channels: described.map(({ track, ...channel }) => channel), eventTracks: eventTracksOf(file), hasOverview: session.overview !== null,
   };
 }
 
@@ -72,7 +72,7 @@ async function extentsOf({ channels, packets }) {
     const missing = new Set(channels.filter(({ parts }) => parts.length));
     for (const some of [numbers.slice(0, 1), numbers.slice(1, SEARCHED)]) {
       if (!missing.size || !some.length) break;
-      for (const table of await packets.tablesOf(some)) {
+      for await (const table of packets.tablesOf(some)) {
         for (const channel of missing) {
           const ticks = channel.parts.flatMap(({ base }) => (table.get(base.id) ?? []).map(tick));
           if (!ticks.length) continue;

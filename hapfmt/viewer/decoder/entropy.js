@@ -8,8 +8,8 @@ const MAGNITUDE_BOUND = 2 ** 34;
 const START_BOUND = 163;
 
 export const CONTEXTS = 36;
-export const EDGES = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 20, 28, 44];
-export const BUCKET_BITS = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 2, 3, 4];
+export const EDGES = Uint8Array.of(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 20, 28, 44);
+export const BUCKET_BITS = Uint8Array.of(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 2, 3, 4);
 
 // Shape, scale, zeros and half of each class.
 const ROWS = [
@@ -19,6 +19,9 @@ const ROWS = [
 ];
 
 const CLASS_ENDS = [];
+const CLASS_SHARES = [];
+
+const QUICK_BOUND = 2 ** 28; // of averages: h <= 17, and all but the escapes fit 32 bits
 
 // The ends of a class, 16 places for each context.
 export function classEnds(number) {
@@ -46,6 +49,34 @@ function makeEnds(shape, scale, zeros, half) {
     ends[16 * c + 15] = 4096;
   }
   return ends;
+}
+
+// For each context the symbols of all slots, and first + 4096 * width of each symbol; makeShares fills them.
+function classShares(number) {
+  CLASS_SHARES[number] ??= {
+    symbols: new Uint8Array(4096 * CONTEXTS), shares: new Int32Array(16 * CONTEXTS), known: new Uint8Array(CONTEXTS),
+  };
+  return CLASS_SHARES[number];
+}
+
+function makeShares({ symbols, shares, known }, ends, c) {
+  known[c] = 1;
+  for (let k = 0, first = 0; k < 16; k++) {
+    const end = ends[16 * c + k];
+    symbols.fill(k, 4096 * c + first, 4096 * c + end);
+    shares[16 * c + k] = first + 4096 * (end - first);
+    first = end;
+  }
+}
+
+// The symbol of each slot.
+function symbolsOf(ends) {
+  const symbols = new Uint8Array(4096);
+  for (let k = 0, first = 0; k < ends.length; k++) {
+    symbols.fill(k, first, ends[k]);
+    first = ends[k];
+  }
+  return symbols;
 }
 
 export function lengthEnds(weights) {
@@ -103,20 +134,19 @@ export class EntropyDecoder {
     this.next = PAD;
     this.rawBits = 0;
     this.lane = 0;
-    this.states = Array.from({ length: states }, () => this.word() * 65536 + this.word());
+    this.view = new DataView(this.buffer.buffer);
+    this.states = Uint32Array.from({ length: states }, () => (this.word() << 16) | this.word());
     this.check();
   }
 
   word() {
     const { buffer, next } = this;
     this.next += 2;
-    return next + 1 < buffer.length ? buffer[next] * 256 + buffer[next + 1] : 0;
+    return next + 1 < buffer.length ? (buffer[next] << 8) | buffer[next + 1] : 0;
   }
 
   check() {
-    if (this.front + ((this.rawBits + 7) >> 3) > this.size) {
-      broken('RNG-001', 'the coded bytes end too early', this.offset + this.size);
-    }
+    if (this.front + ((this.rawBits + 7) >> 3) > this.size) this.tooShort();
   }
 
   // Bytes taken at the front.
@@ -130,30 +160,37 @@ export class EntropyDecoder {
 
   // The symbol whose ends begin at a place of an array.
   symbol(ends, at = 0) {
-    const { states, lane } = this;
-    let x = states[lane];
-    const slot = x % 4096;
+    const slot = this.states[this.lane] & 4095;
     let i = at;
     while (slot >= ends[i]) i++;
     const first = i > at ? ends[i - 1] : 0;
-    x = (ends[i] - first) * Math.floor(x / 4096) + slot - first;
-    if (x < LEAST) x = x * 65536 + this.word();
-    states[lane] = x;
-    this.lane = lane + 1 === states.length ? 0 : lane + 1;
+    this.takeShare(first, ends[i] - first);
     return i - at;
   }
 
+  // The caller checks after each bit.
   bit(p) {
     const { states, lane } = this;
     const x = states[lane];
-    const slot = x % 4096;
+    const slot = x & 4095;
     const zeros = 4096 - 16 * p;
-    const bit = slot < zeros ? 0 : 1;
-    let y = bit === 1 ? 16 * p * Math.floor(x / 4096) + slot - zeros : zeros * Math.floor(x / 4096) + slot;
-    if (y < LEAST) y = y * 65536 + this.word();
-    states[lane] = y;
-    this.lane = lane + 1 === states.length ? 0 : lane + 1;
+    const bit = (zeros - 1 - slot) >>> 31;
+    const width = zeros + ((4096 - 2 * zeros) & -bit);
+    const y = Math.imul(width, x >>> 12) + slot - (zeros & -bit);
+    const needs = ((y >>> 16) - 1) >> 31; // all bits below 65536
+    states[lane] = (y << (16 & needs)) | (this.view.getUint16(this.next) & needs);
+    this.next -= needs << 1;
+    this.lane = (lane + 1) & (states.length - 1);
     return bit;
+  }
+
+  // The state of the lane goes on, after a symbol with a share of the slots: width of them from first on.
+  takeShare(first, width) {
+    const { states, lane } = this;
+    const x = states[lane];
+    const y = Math.imul(width, x >>> 12) + (x & 4095) - first;
+    states[lane] = y >>> 16 === 0 ? (y << 16) | this.word() : y;
+    this.lane = (lane + 1) & (states.length - 1);
   }
 
   // An integer of k raw bits, k <= 48.
@@ -188,25 +225,105 @@ export class EntropyDecoder {
   // A section of integers of a class; with raw signs or without signs.
   integers(count, number, start, signed, out) {
     this.section();
-    const ends = classEnds(number);
-    const ks = new Uint8Array(8);
-    let f = averageFrom(start);
-    let s = f;
-    for (let from = 0; from < count; from += 8) {
-      const size = count - from < 8 ? count - from : 8;
-      const { c, h } = contextOf(Math.floor((f + s) / 2));
-      for (let i = 0; i < size; i++) ks[i] = this.symbol(ends, 16 * c);
-      let sum = 0;
-      for (let i = 0; i < size; i++) {
-        const u = this.magnitude(ks[i], h);
-        sum += u;
-        out[from + i] = signed && u > 0 && this.raw(1) === 1 ? -u : u;
-      }
-      this.check();
-      const m = 32 * sum;
-      f += Math.floor((m - f) / 2);
-      s += Math.floor((3 * (m - s)) / 16);
+    const averages = { f: averageFrom(start), s: averageFrom(start) };
+    for (let from = 0; from < count;) {
+      from = this.quickBlocks(from, count, number, signed, averages, out);
+      if (from < count) from = this.block(from, count, number, signed, averages, out);
     }
+  }
+
+  // A block of any integers; the end of the block.
+  block(from, count, number, signed, averages, out) {
+    const ends = classEnds(number);
+    const size = count - from < 8 ? count - from : 8;
+    const { c, h } = contextOf(Math.floor((averages.f + averages.s) / 2));
+    const ks = new Uint8Array(8);
+    for (let i = 0; i < size; i++) ks[i] = this.symbol(ends, 16 * c);
+    let sum = 0;
+    for (let i = 0; i < size; i++) {
+      const u = this.magnitude(ks[i], h);
+      sum += u;
+      out[from + i] = signed && u > 0 && this.raw(1) === 1 ? -u : u;
+    }
+    this.check();
+    this.move(averages, sum);
+    return from + size;
+  }
+
+  move(averages, sum) {
+    const m = 32 * sum;
+    averages.f += Math.floor((m - averages.f) / 2);
+    averages.s += Math.floor((3 * (m - averages.s)) / 16);
+  }
+
+  // The same in 32 bits, for whole blocks up to the first one whose averages are too large; where that begins.
+  quickBlocks(from, count, number, signed, averages, out) {
+    const last = count - 8;
+    if (from > last || averages.f >= QUICK_BOUND || averages.s >= QUICK_BOUND) return from;
+    const table = classShares(number);
+    const { symbols, shares, known } = table;
+    const { view, states, size } = this;
+    const lanes = states.length - 1;
+    const signBit = signed ? 1 : 0;
+    const ks = new Uint8Array(8);
+    let f = averages.f | 0;
+    let s = averages.s | 0;
+    let { next, rawBits } = this;
+    while (from <= last) {
+      const S = (f + s) >> 1;
+      const lg = S === 0 ? 0 : 31 - Math.clz32(S);
+      const h = lg > 10 ? lg - 10 : 0;
+      const context = 4 * (lg - h) + (((S << 2) >> lg) & 3) - 8;
+      const c = context > 0 ? context : 0;
+      if (known[c] === 0) makeShares(table, classEnds(number), c);
+      for (let i = 0; i < 8; i++) {
+        const x = states[i & lanes];
+        const slot = x & 4095;
+        const k = symbols[(c << 12) | slot];
+        const share = shares[(c << 4) | k];
+        const y = Math.imul(share >> 12, x >>> 12) + slot - (share & 4095);
+        const needs = ((y >>> 16) - 1) >> 31; // all bits below 65536
+        states[i & lanes] = (y << (16 & needs)) | (view.getUint16(next) & needs);
+        next -= needs << 1;
+        ks[i] = k;
+      }
+      let sum = 0;
+      let large = 0;
+      for (let i = 0; i < 8; i++) {
+        const k = ks[i];
+        const word = view.getInt32(PAD + size - 4 - (rawBits >> 3)) >>> (rawBits & 7);
+        if (k < 15) {
+          const bits = BUCKET_BITS[k] + h;
+          const u = (EDGES[k] << h) + (word & ((1 << bits) - 1));
+          const minus = (word >>> bits) & signBit;
+          rawBits += bits + ((-u >>> 31) & signBit);
+          sum += u;
+          out[from + i] = (u ^ -minus) + minus;
+        } else {
+          this.rawBits = rawBits;
+          const u = this.large(h);
+          large += u;
+          out[from + i] = signed && this.raw(1) === 1 ? -u : u;
+          ({ rawBits } = this);
+        }
+      }
+      if (next - PAD + ((rawBits + 7) >> 3) > size) this.tooShort();
+      from += 8;
+      if (large > 0) {
+        this.move(averages, sum + large);
+        if (averages.f >= QUICK_BOUND || averages.s >= QUICK_BOUND) break;
+        f = averages.f | 0;
+        s = averages.s | 0;
+      } else {
+        const m = sum << 5;
+        averages.f = f += (m - f) >> 1;
+        const d = m - s;
+        averages.s = s += 3 * (d >> 4) + ((3 * (d & 15)) >> 4); // (3 * d) >> 4
+      }
+    }
+    this.next = next;
+    this.rawBits = rawBits;
+    return from;
   }
 
   // One integer of a class, with a raw sign, in its own context.
@@ -236,6 +353,10 @@ export class EntropyDecoder {
     return high * POWERS[h] + this.raw(h);
   }
 
+  tooShort() {
+    broken('RNG-001', 'the coded bytes end too early', this.offset + this.size);
+  }
+
   tooLarge() {
     broken('RNG-003', 'a coded integer of 2^34 or more', this.offset);
   }
@@ -250,6 +371,44 @@ export class EntropyDecoder {
       out[i] = signed && l > 0 && this.raw(1) === 1 ? -u : u;
       this.check();
     }
+  }
+
+  // A section of integers by length with raw signs, up to 63 bits: their halves, modulo 2^64.
+  wide(count, table, lower, upper) {
+    this.section();
+    const { first, ends } = table;
+    const { view, buffer, states, size } = this;
+    const lanes = states.length - 1;
+    const symbols = symbolsOf(ends);
+    const zero = PAD + size - 4;
+    let { next, rawBits } = this;
+    // 32 raw bits from W on.
+    const peek = (W) => (view.getInt32(zero - (W >> 3)) >>> (W & 7)) | ((buffer[zero - 1 - (W >> 3)] << 1) << (31 - (W & 7)));
+    for (let i = 0; i < count; i++) {
+      const x = states[i & lanes];
+      const slot = x & 4095;
+      const k = symbols[slot];
+      const begin = k > 0 ? ends[k - 1] : 0;
+      const y = Math.imul(ends[k] - begin, x >>> 12) + slot - begin;
+      const needs = ((y >>> 16) - 1) >> 31; // all bits below 65536
+      states[i & lanes] = (y << (16 & needs)) | (view.getUint16(next) & needs);
+      next -= needs << 1;
+      const bits = first + k - 1; // those below the highest, the lowest first
+      if (bits >= 0) {
+        const low = peek(rawBits);
+        const high = bits < 32 ? 0 : (peek(rawBits + 32) & ~(-1 << (bits - 32))) | (1 << (bits - 32));
+        const minus = -(peek(rawBits + bits) & 1);
+        const sum = (((bits < 32 ? (low & ~(-1 << bits)) | (1 << bits) : low) ^ minus) - minus) | 0;
+        lower[i] = sum;
+        upper[i] = (high ^ minus) - (sum === 0 ? minus : 0);
+        rawBits += bits + 1;
+      } else {
+        lower[i] = upper[i] = 0;
+      }
+      if (next - PAD + ((rawBits + 7) >> 3) > size) this.tooShort();
+    }
+    this.next = next;
+    this.rawBits = rawBits;
   }
 
   // A section of signs of the integers that are not 0.

@@ -2,13 +2,15 @@
 import { Reader } from './bytes.js';
 import { EntropyDecoder, readLengths, readProbabilities } from './entropy.js';
 import { broken } from './error.js';
-import { valueRule } from './exact.js';
+import { fillValues } from './exact.js';
 import { UniformGrid } from './grid.js';
+import { bitLength } from './integers.js';
 import { limitsOf } from './limits.js';
 import { decodeIndices, splitComponents } from './lpcr.js';
 
 const LIST_BOUND = 32;
 const RULE_BOUND = 4;
+const RULE_SIGNIFICANT = 2;
 const RULE_CUBIC = 3;
 const RULE_LINEAR = 4;
 const COEFFICIENT_BOUND = 2 ** 900;
@@ -80,67 +82,84 @@ export function movePlace(halves, at, lower, upper, z) {
   let high = halves[at + UPPER];
   let low = halves[at + LOWER];
   // The place of a negative number is its bits, all but the sign the other way round; and back again.
-  if (high < 0) {
-    high ^= 0x7fffffff;
-    low = ~low;
-  }
-  const sum = (low >>> 0) + (lower >>> 0);
-  low = sum | 0;
-  high = (high + upper + (sum > 0xffffffff ? 1 : 0)) | 0;
-  if (high < 0) {
-    high ^= 0x7fffffff;
-    low = ~low;
-  }
-  halves[at + UPPER] = high;
-  halves[at + LOWER] = low;
+  const turned = high >> 31;
+  high ^= turned & 0x7fffffff;
+  low ^= turned;
+  const sum = (low + lower) | 0;
+  const carry = ((low & lower) | ((low | lower) & ~sum)) >>> 31;
+  high = (high + upper + carry) | 0;
+  const back = high >> 31;
+  halves[at + UPPER] = high ^ (back & 0x7fffffff);
+  halves[at + LOWER] = sum ^ back;
 }
 
-// The place of each count among the distinct ones of its packet.
+// The distinct counts of a packet, `size` of them, and the place of each count among them. The multiplier is random: no
+// file can choose counts that meet in the table.
 function placesOf(counts) {
-  const sorted = counts.slice().sort();
+  const distinct = new Int32Array(counts.length);
+  const places = new Int32Array(counts.length);
+  const multiplier = Math.floor(Math.random() * 2 ** 31) * 2 + 1;
+  let bits = 8;
+  let table = new Int32Array(2 * 2 ** bits); // counts and their places plus 1; 0: none
   let size = 0;
-  for (let i = 0; i < sorted.length; i++) if (i === 0 || sorted[i] !== sorted[i - 1]) sorted[size++] = sorted[i];
-  return {
-    size,
-    places: counts.map((count) => {
-      let low = 0;
-      for (let high = size - 1; low < high;) {
-        const middle = (low + high) >> 1;
-        if (sorted[middle] < count) low = middle + 1;
-        else high = middle;
-      }
-      return low;
-    }),
-  };
+  for (let t = 0; t < counts.length; t++) {
+    const count = counts[t];
+    const at = search(table, count, Math.imul(count, multiplier) >>> (32 - bits));
+    const place = table[at + 1] - 1;
+    if (place >= 0) {
+      places[t] = place;
+      continue;
+    }
+    places[t] = size;
+    distinct[size++] = table[at] = count;
+    table[at + 1] = size;
+    if (4 * size > table.length) table = enlarge(distinct, size, multiplier, ++bits);
+  }
+  return { places, distinct: distinct.subarray(0, size) };
 }
 
-// The corrections of each count, as two halves, the last one first. Few bytes may ask for many lists: they are links
-// within typed arrays.
+// Where a count is, or where it goes.
+function search(table, count, from) {
+  let at = 2 * from;
+  while (table[at] !== count && table[at + 1] !== 0) at = (at + 2) & (table.length - 1);
+  return at;
+}
+
+function enlarge(distinct, size, multiplier, bits) {
+  const table = new Int32Array(2 * 2 ** bits);
+  for (let place = 0; place < size; place++) {
+    const at = search(table, distinct[place], Math.imul(distinct[place], multiplier) >>> (32 - bits));
+    table[at] = distinct[place];
+    table[at + 1] = place + 1;
+  }
+  return table;
+}
+
+// The corrections of each count, the last one first, as the ticks at which they entered. Few bytes may ask for many
+// lists: they are links within typed arrays.
 class Lists {
-  constructor(size, samples) {
+  constructor(size, span) {
     this.heads = new Int32Array(size).fill(-1);
-    this.links = new Int32Array(samples).fill(-1);
-    this.lower = new Int32Array(samples);
-    this.upper = new Int32Array(samples);
-    this.used = 0;
+    this.sizes = new Uint8Array(size);
+    this.links = new Int32Array(span).fill(-1);
   }
 
-  put(place, lower, upper) {
-    const { heads, links, used } = this;
-    this.lower[used] = lower;
-    this.upper[used] = upper;
-    links[used] = heads[place];
-    heads[place] = used;
-    this.used = used + 1;
-    let at = used;
-    for (let i = 1; i < LIST_BOUND && at >= 0; i++) at = links[at];
-    if (at >= 0) links[at] = -1;
+  put(place, t) {
+    const { heads, links, sizes } = this;
+    links[t] = heads[place];
+    heads[place] = t;
+    if (sizes[place] < LIST_BOUND) {
+      sizes[place]++;
+      return;
+    }
+    let at = t;
+    for (let i = 1; i < LIST_BOUND; i++) at = links[at];
+    links[at] = -1;
   }
 
-  // Moves entry i to the front; where it is.
+  // Moves entry i to the front; its tick.
   take(place, i) {
     const { heads, links } = this;
-    if (heads[place] < 0) this.put(place, 0, 0);
     if (i === 0) return heads[place];
     let before = heads[place];
     for (let k = 1; k < i; k++) before = links[before];
@@ -152,146 +171,128 @@ class Lists {
   }
 }
 
-// A correction of up to 63 bits, as two halves.
-class Corrections {
-  constructor(flags, z, reader) {
-    this.recall = (flags & 1) !== 0;
-    this.z = z;
-    this.p = this.recall ? [0, 1, 2].map(() => readRanks(reader)) : null;
-    this.table = readLengths(reader, 64);
-    this.coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, flags & 2 ? 4 : 1);
-    this.lists = null;
-    this.lower = 0; // the correction that was decoded last
-    this.upper = 0;
-  }
-
-  // The rank of each correction, -1 for those in full.
-  ranks(places, size) {
-    const { coder, p } = this;
-    const ranks = new Int8Array(places.length).fill(-1);
-    coder.section();
-    this.lists = new Lists(size, places.length);
-    const sizes = new Uint8Array(size);
-    for (let t = 0; t < places.length; t++) {
-      const place = places[t];
-      const known = sizes[place];
-      const x = known === 0 ? 0 : t > 0 && place === places[t - 1] ? 1 : 2;
-      const row = p[x];
-      const entries = known === 0 ? 1 : known;
-      for (let i = 0; i < entries && ranks[t] < 0; i++) {
-        const chance = row.length === 0 ? 128 : row[Math.min(i, row.length - 1)];
-        if (coder.bit(chance) === 1) ranks[t] = i;
-        coder.check();
-      }
-      if (known === 0) sizes[place] = 1;
-      else if (ranks[t] < 0 && known < LIST_BOUND) sizes[place]++;
+// The rank of the correction of each tick, -1 for those in full; places: those of the counts, `size` of them.
+function decodeRanks(coder, p, size, places) {
+  const ranks = new Int8Array(places.length).fill(-1);
+  const sizes = new Uint8Array(size);
+  coder.section();
+  for (let t = 0; t < places.length; t++) {
+    const place = places[t];
+    const known = sizes[place];
+    const row = p[known === 0 ? 0 : t > 0 && place === places[t - 1] ? 1 : 2];
+    const entries = known === 0 ? 1 : known;
+    for (let i = 0; i < entries && ranks[t] < 0; i++) {
+      if (coder.bit(row[i]) === 1) ranks[t] = i;
+      coder.check();
     }
-    return ranks;
+    if (known === 0) sizes[place] = 1;
+    else if (ranks[t] < 0 && known < LIST_BOUND) sizes[place]++;
   }
-
-  // The next correction, of the count at a place of the distinct ones; i: its rank, -1 in full.
-  next(place, i) {
-    if (i < 0) {
-      this.inFull();
-      this.lists.put(place, this.lower, this.upper);
-    } else {
-      const at = this.lists.take(place, i);
-      this.lower = this.lists.lower[at];
-      this.upper = this.lists.upper[at];
-    }
-  }
-
-  push(bits, n) { // n <= 24 more bits below those of lower and upper
-    if (n === 0) return;
-    this.upper = (this.upper << n) | (this.lower >>> (32 - n));
-    this.lower = (this.lower << n) | bits;
-  }
-
-  inFull() {
-    const { coder, table } = this;
-    const L = table.first + coder.symbol(table.ends);
-    this.upper = this.lower = 0;
-    if (L > 0) {
-      this.lower = 1;
-      // The lowest L - 1 bits, at most 62: raw bits, the lowest first.
-      const n0 = Math.min(L - 1, 24);
-      const n1 = Math.min(L - 1 - n0, 24);
-      const n2 = L - 1 - n0 - n1;
-      const b0 = coder.raw(n0);
-      const b1 = coder.raw(n1);
-      this.push(coder.raw(n2), n2);
-      this.push(b1, n1);
-      this.push(b0, n0);
-      if (coder.raw(1)) {
-        this.lower = -this.lower | 0;
-        this.upper = this.lower === 0 ? -this.upper | 0 : ~this.upper;
-      }
-    }
-    coder.check();
-  }
+  return ranks;
 }
 
 function readRanks(reader) {
   reader.requirement = 'RNG-004';
   const n = reader.u8();
   if (n > LIST_BOUND) broken('RNG-004', `${n} probabilities of ranks`, reader.offset - 1);
-  return readProbabilities(reader, n);
+  const found = readProbabilities(reader, n);
+  return Uint8Array.from({ length: LIST_BOUND }, (_, i) => found[i] ?? found[n - 1] ?? 128);
 }
 
-// The corrections of one component, or null where all are 0.
-function readPart(part, offset) {
+// The corrections of one component as halves, and z; or null where all are 0.
+function readCorrections(part, offset, placed, counts) {
   if (part.length === 0) return null;
   const reader = new Reader(part, { base: offset, requirement: 'EXA-004' });
   const flags = reader.u8();
   if (flags > 3) broken('EXA-004', `flags ${flags}`, offset);
   const z = reader.u8();
   if (z > 63) broken('EXA-004', `steps of 2^${z}`, offset);
-  return new Corrections(flags, z, reader);
+  const p = flags & 1 ? [0, 1, 2].map(() => readRanks(reader)) : null;
+  const table = readLengths(reader, 64);
+  const coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, flags & 2 ? 4 : 1);
+  const span = counts.length;
+  const lower = new Int32Array(span);
+  const upper = new Int32Array(span);
+  if (p === null) coder.wide(span, table, lower, upper);
+  else recall(coder, p, table, placed ?? placesOf(counts), lower, upper);
+  coder.finish();
+  return { z, lower, upper };
 }
 
-// v of rule 4 at each tick; columns: the exact values of components that are known, its own as they come.
-function linearRule({ coefficients: [c0], terms }, columns, quotient) {
-  const reach = Math.max(...terms.map(({ lag }) => lag));
-  const rows = terms.map(({ a, lag, w }) => ({ x: columns[a], lag, w }));
-  return (count, t) => {
-    if (t < reach) return quotient(count);
-    let v = c0;
+function recall(coder, p, table, { places, distinct }, lower, upper) {
+  const size = distinct.length;
+  const span = places.length;
+  const ranks = decodeRanks(coder, p, size, places);
+  let full = 0;
+  for (let t = 0; t < span; t++) if (ranks[t] < 0) full++;
+  // Those in full wait at the end of the arrays, never before the ticks that take them.
+  let next = span - full;
+  coder.wide(full, table, lower.subarray(next), upper.subarray(next));
+  const lists = new Lists(size, span);
+  for (let t = 0; t < span; t++) {
+    const place = places[t];
+    const inFull = ranks[t] < 0;
+    const known = lists.heads[place] >= 0;
+    const at = inFull ? next++ : known ? lists.take(place, ranks[t]) : -1;
+    lower[t] = at < 0 ? 0 : lower[at];
+    upper[t] = at < 0 ? 0 : upper[at];
+    if (inFull || !known) lists.put(place, t);
+  }
+}
+
+// v of rule 4 at tick t, or where it has none the value by rule 0, which is there; columns: the exact values of
+// components that are known, its own as they come.
+class Linear {
+  constructor({ coefficients: [c0], terms }, columns, values) {
+    this.c0 = c0;
+    this.rows = terms.map(({ a, lag, w }) => ({ x: columns[a], lag, w }));
+    this.reach = Math.max(...terms.map(({ lag }) => lag));
+    this.values = values;
+  }
+
+  at(t) {
+    const { values, rows } = this;
+    if (t < this.reach) return values[t];
+    let v = this.c0;
     for (const { x, lag, w } of rows) v += w * x[t - lag];
-    return Number.isFinite(v) ? v + 0 : quotient(count);
-  };
+    return Number.isFinite(v) ? v + 0 : values[t];
+  }
 }
 
 function readExact(track, rest, base, span, counts) {
   const { setup, componentCount: C } = track;
   const parts = rest.length === 0 ? setup.map(() => ({ bytes: rest, offset: base })) : splitComponents(rest, C, base, 'EXA-003');
   const exact = new BigUint64Array(span * C);
-  const columns = setup.map(() => new Float64Array(span));
+  const columns = setup.map(() => (C === 1 ? new Float64Array(exact.buffer) : new Float64Array(span)));
   for (const component of decodingOrder(setup)) {
-    const { rule, digits, coefficients } = setup[component];
     const values = columns[component];
     const halves = new Int32Array(values.buffer);
-    const isLinear = rule === RULE_LINEAR;
-    const alone = valueRule(isLinear ? 0 : rule, digits, track.calibrations[component], coefficients);
-    const valueOf = isLinear ? linearRule(setup[component], columns, alone) : alone;
-    const corrections = readPart(parts[component].bytes, parts[component].offset);
-    const column = Int32Array.from({ length: span }, (_, t) => counts[t * C + component]);
-    const distinct = corrections?.recall ? placesOf(column) : null;
-    const ranks = distinct && corrections.ranks(distinct.places, distinct.size);
-    corrections?.coder.section();
-    for (let t = 0; t < span; t++) {
-      const count = column[t];
-      values[t] = valueOf(count, t);
-      if (corrections === null) continue;
-      if (distinct) corrections.next(distinct.places[t], ranks[t]);
-      else corrections.inFull();
-      const { lower, upper, z } = corrections;
-      if (lower !== 0 || upper !== 0) movePlace(halves, 2 * t, lower, upper, z);
+    const column = C === 1 ? counts : new Int32Array(span);
+    if (C > 1) for (let t = 0, at = component; t < span; t++, at += C) column[t] = counts[at];
+    const placed = setup[component].rule === RULE_SIGNIFICANT ? placesOf(column) : null;
+    fillValues(setup[component], track.calibrations[component], column, placed, values);
+    const corrections = readCorrections(parts[component].bytes, parts[component].offset, placed, column);
+    const { z, lower, upper } = corrections ?? {};
+    if (setup[component].rule === RULE_LINEAR) {
+      const linear = new Linear(setup[component], columns, values);
+      for (let t = 0; t < span; t++) {
+        values[t] = linear.at(t);
+        if (corrections !== null) movePlace(halves, 2 * t, lower[t], upper[t], z);
+      }
+    } else if (corrections !== null) {
+      for (let t = 0; t < span; t++) movePlace(halves, 2 * t, lower[t], upper[t], z);
     }
-    corrections?.coder.finish();
-    const words = new BigUint64Array(values.buffer);
-    for (let t = 0; t < span; t++) exact[t * C + component] = words[t];
+    if (C > 1) interleave(halves, new Int32Array(exact.buffer), span, component, C);
   }
   return exact;
+}
+
+// Binary64 numbers move as halves: a NaN keeps all its bits.
+function interleave(halves, out, span, component, C) {
+  for (let t = 0, at = 2 * component; t < span; t++, at += 2 * C) {
+    out[at] = halves[2 * t];
+    out[at + 1] = halves[2 * t + 1];
+  }
 }
 
 export function decodeLpcx(track, bytes, span, counts, offset, wantsExact) {
