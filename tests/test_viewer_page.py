@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import random
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from browser import exported, opened, served
 from spec import ROOT
 
+import hapfmt
+from hapfmt.format.source import ByteSource
 from hapfmt.viewer.server import ServedFile, ViewServer
 
 pytestmark = pytest.mark.deep
@@ -34,6 +40,54 @@ def test_exported(chromium: Any, tmp_path: Path) -> None:
         assert [url for url in seen.asked if not url.startswith(("blob:", "data:"))] == [
             page.as_uri()
         ]
+
+
+def test_files_keep_their_order(chromium: Any) -> None:
+    with served(chromium, EXAMPLES) as seen:
+        names = seen.page.evaluate("window.hapf.recordings.map(({ name }) => name)")
+        assert names == [path.name for path in EXAMPLES]
+
+
+@pytest.mark.parametrize(
+    "kind", ["valid", "uncommon", "limits", "recoverable", "invalid", "future"]
+)
+def test_files_of_the_suite(chromium: Any, kind: str) -> None:
+    """Damaged and hostile ones too: each is shown, or refused with a message."""
+    found = sorted((ROOT / "conformance" / "vectors" / kind).glob("*.hapf"))
+    small = [path for path in found if path.stat().st_size < 200_000]
+    files = random.Random(1).sample(small, min(len(small), 12))
+    with served(chromium, files) as seen:
+        shown = seen.page.evaluate("window.hapf.recordings.length")
+        refused = seen.page.evaluate("document.querySelectorAll('#notices p').length")
+        assert shown + refused == len(files)
+
+
+class Growing(ServedFile):
+    """Longer at each request, as one that is being recorded."""
+
+    @contextmanager
+    def opened(self) -> Iterator[ByteSource]:
+        assert self.path is not None
+        with Path(self.path).open("ab") as stream:
+            stream.write(bytes(100))
+        with super().opened() as source:
+            yield source
+
+
+def test_a_file_that_grows(chromium: Any, tmp_path: Path) -> None:
+    """It is shown up to where it ended when it was opened."""
+    path = tmp_path / "live.hapf"
+    values = np.random.default_rng(1).integers(-30_000, 30_000, (1, 200_000))
+    hapfmt.write(values, path, rate=1000, labels=["fx"])
+    ask = "t => window.hapf.recordings[0].samples(0, t, t + 0.01).then(({ value }) => [...value])"
+    with (
+        ViewServer([Growing(str(path), path.name)]) as server,
+        opened(chromium, server.url) as seen,
+    ):
+        for start in (5, 50, 100, 190):
+            found = seen.page.evaluate(ask, start)
+            assert found == values[0, 1000 * start : 1000 * start + 10].tolist()
+        assert seen.page.evaluate("window.hapf.stats().then(([{ requests }]) => requests)") > 1
 
 
 def test_the_worker_runs(chromium: Any, tmp_path: Path) -> None:
@@ -111,8 +165,6 @@ def test_another_page_reads_nothing(chromium: Any) -> None:
 
 def opened_blank(chromium: Any) -> Any:
     """A page of another origin."""
-    from contextlib import contextmanager
-
     from server import serving
 
     @contextmanager

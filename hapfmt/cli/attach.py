@@ -54,7 +54,7 @@ def attach(
     \b
     hapfmt attach touch.hapf photo.png calibration.pdf
     hapfmt attach touch.hapf --list
-    hapfmt attach touch.hapf --extract photo.png --output /tmp
+    hapfmt attach touch.hapf --extract photo.png --output photos
     """
     from .. import edit
 

@@ -128,8 +128,8 @@ def record(
     """Record the stream on standard input into OUT, cluster by cluster, until it ends or Ctrl-C.
 
     \b
-    sensor | hapfmt record touch.hapf --rate 1000 --labels fx,fy,fz --unit N
-    sensor | hapfmt record touch.hapf --append
+    sensor | hapfmt record touch.hapf --rate 1000 --labels x,y,z --unit N
+    sensor | hapfmt record touch.hapf --append --rate 1000 --labels x,y,z --unit N
 
     Two kinds of streams, lines of text and binary frames, are described in docs/streams.md.
     """

@@ -50,8 +50,8 @@ def view(
     """Show .hapf files in the browser: all channels, pan and zoom, spectra, damage, events.
 
     A server on this computer gives the page and the parts of the files that it shows. No other
-    computer can reach it, and the page loads nothing else. FILE may be a URL. A file that is
-    being recorded grows on the page. Ctrl-C ends the server.
+    computer can reach it, and the page loads nothing else. FILE may be a URL. Ctrl-C ends
+    the server.
 
     \b
     hapfmt view touch.hapf

@@ -33,11 +33,11 @@ DECLARED = re.compile(
 )
 NAME = re.compile(r"([\w$]+)(?:\s+as\s+([\w$]+))?")
 REFUSED = (
-    (re.compile(r"\bimport\("), "import() is not bundled"),
-    (re.compile(r"\bimport\.meta\b"), "import.meta is not bundled"),
+    (re.compile(r"import\("), "import() is not bundled"),
+    (re.compile(r"import\.meta\b"), "import.meta is not bundled"),
     (re.compile(r"^[ \t]+(?:import\s*[{*'\"]|export\s+[{*\w])", re.M), "it must start the line"),
     (
-        re.compile(r"</?script|<!--|^\s*-->", re.I | re.M),
+        re.compile(r"</?[sS][cC][rR][iI][pP][tT]|<!--|^[ \t]*-->", re.M),
         "it ends or breaks a script in HTML",
     ),
 )

@@ -18,11 +18,9 @@ SHA256 = {
     STYLE: "df630c6a8d6f8eeaff264b50f73ce5b114f646ffd9a0bb74f049b0a00135fa04",
 }
 
-NOTICE = """\
-/* uPlot: Copyright (c) Leon Sorokin.
-   MIT License: https://github.com/leeoniya/uPlot/blob/1.6.31/LICENSE */
-"""
-"""Before its own banner, in every page that carries it."""
+COPYRIGHT = "uPlot, https://github.com/leeoniya/uPlot: Copyright (c) 2022 Leon Sorokin"
+PERMISSION = "Permission is hereby granted"
+"""Where the text begins that every MIT License shares; that of the package is the same."""
 
 
 def uplot() -> tuple[str, str]:
@@ -37,7 +35,11 @@ def uplot() -> tuple[str, str]:
     script, style = (
         text_of(Path(str(package.locate_file(name))), SHA256[name]) for name in (SCRIPT, STYLE)
     )
-    return NOTICE + script, NOTICE + style
+    license_ = package.read_text("licenses/LICENSE") or package.read_text("LICENSE") or ""
+    if PERMISSION not in license_:
+        raise ParameterError("the package youplot comes without the MIT License of uPlot")
+    notice = f"/* {COPYRIGHT}\n   MIT License\n\n{license_[license_.index(PERMISSION) :]}*/\n"
+    return notice + script, notice + style
 
 
 def text_of(path: Path, sha256: str) -> str:

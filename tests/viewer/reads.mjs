@@ -32,6 +32,12 @@ const CALLS = {
       await new Promise((resolve) => { setTimeout(resolve, 5); });
     }
   },
+  async dropped(args) {
+    const control = new AbortController();
+    const found = recording.samples(...args, { signal: control.signal }).then(() => 'answered', ({ name }) => name);
+    control.abort();
+    return found;
+  },
 };
 
 const packed = (_, value) => (ArrayBuffer.isView(value)

@@ -14,10 +14,13 @@ from hapfmt.cli.screen import Verb
 FOLDER = "commands"
 WIDTH = 76
 NOT_RUN = {
+    "hapfmt archive catalogue s3://bucket/archive -o archive.parquet --jobs 4": "a store of S3",
     "hapfmt plot touch.npz --window": "a screen",
     "hapfmt profile check mine.toml --path /dev/hidraw3": "a device",
     "hapfmt rate study.toml --subject S07 --device glove5": "a device and a subject",
     "hapfmt replay hand.hapf --device glove5 --start 2 --stop 5 --gain 0.2": "a device",
+    "hapfmt view left.hapf right.hapf --no-browser": "a browser",
+    "hapfmt view touch.hapf": "a browser",
 }
 """Examples that no test runs -> what they need. Tests run all others."""
 CODE_OR_MARK = r"'(hapfmt [^']+)'|(?<![\w-])((?:hapfmt [a-z]+ )?--[a-z][\w-]*)|([\\`*_<>|\[\]])"

@@ -42,7 +42,7 @@ export function explain(error, name, size) {
 
 // source: { name, url } | { name, blob } | { name, bytes }.
 export async function addRecording(state, source) {
-  const number = state.entries.length + state.failures.length;
+  const number = state.entries.length + state.failures.length + state.pending;
   const size = source.blob?.size ?? source.bytes?.length ?? null;
   const entry = { number, name: source.name, source, offset: 0, damage: [], events: [], findings: null };
   state.set({ pending: state.pending + 1 });
