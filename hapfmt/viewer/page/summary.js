@@ -43,7 +43,7 @@ export class Summary {
     this.count = total;
   }
 
-  // Of all values there are; the standard deviation divides by their number.
+  // The standard deviation divides by the count.
   result() {
     const { count, missing, min, max, squares, power } = this;
     if (!count) return { count, missing, min: NaN, max: NaN, mean: NaN, sd: NaN, rms: NaN, peakToPeak: NaN };
