@@ -7,7 +7,7 @@ const LONGEST = 65536;
 
 export const LENGTHS = [64, 256, 1024, 4096, 16384, 65536];
 
-// The length of a segment for so many samples. It gives about eight segments, or more.
+// The length of a segment for a number of samples. It gives about eight segments, or more.
 export function lengthFor(count) {
   const length = 2 ** Math.floor(Math.log2(Math.max(1, count / 4)));
   return Math.max(SHORTEST, Math.min(4096, LONGEST, length));
