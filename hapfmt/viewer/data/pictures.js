@@ -6,7 +6,7 @@ import { isCounted, physical, scaleOf } from './signals.js';
 import { aborted } from './sources.js';
 import { gapsBetween, secondsAt, secondsBetween, tickAt } from './ticks.js';
 
-const DIRECT = 2 ** 20; // samples that are decoded at once
+const DIRECT = 2 ** 19; // samples that are decoded at once
 const PYRAMID_BYTES = 1.6e8;
 const FINEST = 8; // ticks of a bin
 const SLICE_MS = 20;
@@ -242,11 +242,11 @@ export class Pictures {
     }
   }
 
-  // Lets requests come in between.
+  // Requests come first.
   async breathe() {
-    if (performance.now() - this.began < SLICE_MS) return;
+    if (!this.session.busy && performance.now() - this.began < SLICE_MS) return;
     this.session.tell('overview', { verdict: this.session.verdict });
-    await pause();
+    do await pause(); while (this.session.busy && !this.closed);
     this.began = performance.now();
   }
 
