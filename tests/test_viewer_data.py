@@ -7,6 +7,7 @@ import json
 import random
 import shutil
 import subprocess
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import suppress
@@ -543,3 +544,11 @@ def test_inputs_that_a_fuzzer_found(viewer: Viewer, folder: Path) -> None:
     for one in inputs[:: 1 if DEEP else 8]:
         path.write_bytes(mend_file(one.read_bytes()))
         check_or_refuse(viewer, path)
+
+
+@pytest.mark.deep
+def test_the_tool_that_measures_it_runs() -> None:
+    words = [sys.executable, "tools/viewer_data.py", "--seconds", "3"]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("1 s of all channels") == 3

@@ -72,7 +72,7 @@ async function extentsOf({ channels, packets }) {
     const missing = new Set(channels.filter(({ parts }) => parts.length));
     for (const some of [numbers.slice(0, 1), numbers.slice(1, SEARCHED)]) {
       if (!missing.size || !some.length) break;
-      for (const table of await packets.tablesOf(some)) {
+      for await (const table of packets.tablesOf(some)) {
         for (const channel of missing) {
           const ticks = channel.parts.flatMap(({ base }) => (table.get(base.id) ?? []).map(tick));
           if (!ticks.length) continue;

@@ -1,13 +1,15 @@
 // Which packets cover a time, and their bytes: of a file by its index only those that are wanted are fetched.
 import { HEADER_SIZE, clusterSeed, isKnown, readHeader } from '../decoder/chunk.js';
 import { hasCrc, placePackets, readTable, tableFaults } from '../decoder/cluster.js';
+import { unsupported } from '../decoder/error.js';
 import { FalseIndex } from './byindex.js';
 import { Lru } from './lru.js';
 
 const ROW_SIZE = 12; // mostly
 const HEAD_ROOM = 40;
 const ROWS_KEPT = 2 ** 19;
-const GROUP = 2 ** 22; // bytes of packets in memory at a time
+const GROUP = 2 ** 22; // bytes of packets, or of clusters whose tables are read, at a time
+const PACKET_BOUND = 2 ** 20; // of one request
 const FAR = 2 ** 53 - 1;
 
 const need = (holds) => {
@@ -63,21 +65,26 @@ export class Packets {
     return this.order.between(startMs, stopMs);
   }
 
-  // Tables of clusters by their numbers: for each a Map, track id -> packets in order of time.
-  async tablesOf(numbers, signal) {
-    const tables = numbers.map((n) => (this.clusters[n].packets ? byTrack(this.clusters[n].packets) : this.tables.get(n)));
-    const missing = numbers.map((n, i) => [n, i]).filter(([, i]) => !tables[i]);
-    for (let at = 0; at < missing.length; at += 512) {
-      const some = missing.slice(at, at + 512);
-      const found = await this.readTables(some.map(([n]) => this.clusters[n]), signal);
-      some.forEach(([n, i], k) => {
-        const { table, rows } = found[k];
-        tables[i] = table;
-        if (this.clusters[n].packets) return;
+  // The tables of clusters by their numbers, one after the other: a Map, track id -> packets in order of time. Few are in
+  // memory at a time.
+  async* tablesOf(numbers, signal) {
+    for (let at = 0; at < numbers.length;) {
+      const some = [];
+      for (let size = 0; at < numbers.length && (!some.length || size < GROUP); at++) {
+        const { offset, stop } = this.clusters[numbers[at]];
+        size += stop - offset;
+        some.push(numbers[at]);
+      }
+      const tables = new Map(some.map((n) => [n, this.clusters[n].packets ? byTrack(this.clusters[n].packets) : this.tables.get(n)]));
+      const missing = some.filter((n) => !tables.get(n));
+      const found = await this.readTables(missing.map((n) => this.clusters[n]), signal);
+      missing.forEach((n, i) => {
+        const { table, rows } = found[i];
+        tables.set(n, table);
         this.tables.set(n, table, rows + 1);
       });
+      for (const n of some) yield tables.get(n);
     }
-    return tables;
   }
 
   async readTables(clusters, signal) {
@@ -127,10 +134,13 @@ export class Packets {
       startMs = Math.min(startMs, (first * 1000 * rateDen) / rateNum);
       stopMs = Math.max(stopMs, (stop * 1000 * rateDen) / rateNum);
     }
-    for (const table of await this.tablesOf(this.clustersBetween(startMs, stopMs), signal)) {
+    let count = 0;
+    for await (const table of this.tablesOf(this.clustersBetween(startMs, stopMs), signal)) {
       for (const [id, [first, stop]] of ranges) {
         for (const packet of table.get(id) ?? []) {
-          if (packet.start < stop && packet.start + packet.span > first) found.get(id).push(packet);
+          if (packet.start >= stop || packet.start + packet.span <= first) continue;
+          if (++count > PACKET_BOUND) unsupported('LIM-003', `more than ${PACKET_BOUND} packets`, packet.offset);
+          found.get(id).push(packet);
         }
       }
     }

@@ -12,6 +12,7 @@ const FINEST = 8; // ticks of a bin
 const SLICE_MS = 20;
 const VIEWS = 6; // pictures that are on the way
 const GROUP = 2 ** 20; // bytes of clusters that are fetched together
+const STRETCH = 2 ** 17; // ticks that are decoded without a pause
 const TICK_BOUND = 2 ** 48;
 
 const pause = () => new Promise((resolve) => { setTimeout(resolve, 0); });
@@ -278,14 +279,15 @@ export class Pictures {
     if (!this.file.bytes && 4 * tracks.size >= this.file.tracks.size) {
       await this.session.source.readAll(numbers.map((n) => [clusters[n].offset, clusters[n].stop]));
     }
-    const tables = await this.packets.tablesOf(numbers);
-    for (let i = 0; i < numbers.length && !this.closed; i++) {
+    let i = 0;
+    for await (const table of this.packets.tablesOf(numbers)) {
+      const n = numbers[i++];
       for (const part of parts) {
-        if (part.pyramid.done[numbers[i]]) continue;
+        if (part.pyramid.done[n]) continue;
         await this.breathe();
         if (this.closed) return;
-        await this.put(part, tables[i]);
-        part.pyramid.done[numbers[i]] = 1;
+        await this.put(part, table);
+        part.pyramid.done[n] = 1;
       }
     }
   }
@@ -317,7 +319,7 @@ function stretches(packets) {
   const found = [];
   for (const { start, span } of packets) {
     const last = found[found.length - 1];
-    if (last && last.stop === start && last.stop - last.start < 2 ** 18) last.stop += span;
+    if (last && last.stop === start && last.stop - last.start < STRETCH) last.stop += span;
     else found.push({ start, stop: start + span });
   }
   return found;

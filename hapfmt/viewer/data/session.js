@@ -158,13 +158,10 @@ export class Session {
     const layers = [...this.file.tracks.values()].filter((track) => track.kind === 'events' && !track.unsupported && track.setup);
     if (!layers.length) return [];
     const found = [];
-    const numbers = this.file.clusters.map((_, n) => n);
-    for (let at = 0; at < numbers.length; at += 256) {
+    for await (const table of this.packets.tablesOf(this.file.clusters.map((_, n) => n), signal)) {
       if (signal?.aborted) throw aborted();
-      const tables = await this.packets.tablesOf(numbers.slice(at, at + 256), signal);
       for (const track of layers) {
-        const packets = tables.flatMap((table) => table.get(track.id) ?? []);
-        await this.packets.each(packets, signal, (packet, bytes) => this.takeEvents(track, packet, bytes, found));
+        await this.packets.each(table.get(track.id) ?? [], signal, (packet, bytes) => this.takeEvents(track, packet, bytes, found));
       }
     }
     return found.sort((a, b) => a.time - b.time || a.layerTrack - b.layerTrack).map(({ layerTrack, ...event }) => event);
@@ -187,8 +184,9 @@ export class Session {
   }
 
   async damage() {
-    if (this.report) return this.report.damages;
-    return [...(this.file.bytes ? damagesOf(this.file) : []), ...this.faults];
+    const found = this.report?.damages ?? [...(this.file.bytes ? damagesOf(this.file) : []), ...this.faults];
+    // An unknown end is that of the recording.
+    return found.map((one) => (one.time0 !== null && one.time1 === null ? { ...one, time1: Math.max(this.facts.stop, one.time0) } : one));
   }
 
   async verify(onProgress = () => {}, { signal } = {}) {

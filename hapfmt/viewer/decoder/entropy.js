@@ -168,10 +168,19 @@ export class EntropyDecoder {
     return i - at;
   }
 
+  // The caller checks after each bit.
   bit(p) {
+    const { states, lane } = this;
+    const x = states[lane];
+    const slot = x & 4095;
     const zeros = 4096 - 16 * p;
-    const bit = (zeros - 1 - (this.states[this.lane] & 4095)) >>> 31;
-    this.takeShare(zeros & -bit, zeros + ((4096 - 2 * zeros) & -bit));
+    const bit = (zeros - 1 - slot) >>> 31;
+    const width = zeros + ((4096 - 2 * zeros) & -bit);
+    const y = Math.imul(width, x >>> 12) + slot - (zeros & -bit);
+    const needs = ((y >>> 16) - 1) >> 31; // all bits below 65536
+    states[lane] = (y << (16 & needs)) | (this.view.getUint16(this.next) & needs);
+    this.next -= needs << 1;
+    this.lane = (lane + 1) & (states.length - 1);
     return bit;
   }
 

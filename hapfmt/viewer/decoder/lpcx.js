@@ -182,8 +182,7 @@ function decodeRanks(coder, p, size, places) {
     const row = p[known === 0 ? 0 : t > 0 && place === places[t - 1] ? 1 : 2];
     const entries = known === 0 ? 1 : known;
     for (let i = 0; i < entries && ranks[t] < 0; i++) {
-      const chance = row.length === 0 ? 128 : row[i < row.length ? i : row.length - 1];
-      if (coder.bit(chance) === 1) ranks[t] = i;
+      if (coder.bit(row[i]) === 1) ranks[t] = i;
       coder.check();
     }
     if (known === 0) sizes[place] = 1;
@@ -196,7 +195,8 @@ function readRanks(reader) {
   reader.requirement = 'RNG-004';
   const n = reader.u8();
   if (n > LIST_BOUND) broken('RNG-004', `${n} probabilities of ranks`, reader.offset - 1);
-  return readProbabilities(reader, n);
+  const found = readProbabilities(reader, n);
+  return Uint8Array.from({ length: LIST_BOUND }, (_, i) => found[i] ?? found[n - 1] ?? 128);
 }
 
 // The corrections of one component as halves, and z; or null where all are 0.
@@ -267,8 +267,8 @@ function readExact(track, rest, base, span, counts) {
   for (const component of decodingOrder(setup)) {
     const values = columns[component];
     const halves = new Int32Array(values.buffer);
-    const column = new Int32Array(span);
-    for (let t = 0, at = component; t < span; t++, at += C) column[t] = counts[at];
+    const column = C === 1 ? counts : new Int32Array(span);
+    if (C > 1) for (let t = 0, at = component; t < span; t++, at += C) column[t] = counts[at];
     const placed = setup[component].rule === RULE_SIGNIFICANT ? placesOf(column) : null;
     fillValues(setup[component], track.calibrations[component], column, placed, values);
     const corrections = readCorrections(parts[component].bytes, parts[component].offset, placed, column);
