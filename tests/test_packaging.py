@@ -18,7 +18,16 @@ from spec import ROOT
 import hapfmt
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-NOT_COPIED = ".git .venv build dist *.egg-info __pycache__ .*_cache .hypothesis node_modules".split()
+NOT_COPIED = (
+    ".git",
+    ".venv",
+    "build",
+    "dist",
+    "*.egg-info",
+    "__pycache__",
+    ".*_cache",
+    ".hypothesis",
+)
 ADDRESS = "https://repository.example/hapfmt"
 
 
