@@ -17,8 +17,8 @@ export function chooseLanes(state) {
 
 export class ChannelList {
   constructor(app, root) {
-    Object.assign(this, app);
-    const { state } = this;
+    const { state } = app;
+    Object.assign(this, { app, state });
     this.input = element('input', {
       type: 'search', id: 'filter', placeholder: 'Filter channels', 'aria-label': 'Filter channels by text', autocomplete: 'off', spellcheck: 'false',
       oninput: () => state.set({ filter: this.input.value }),

@@ -106,7 +106,9 @@ export function listenToKeys(app) {
     if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented || app.help.isOpen) return;
     const { target } = event;
     if (target.matches('input, textarea, select')) {
-      if (event.key === 'Escape') target.blur();
+      if (event.key !== 'Escape') return;
+      event.preventDefault(); // a search field would clear itself and say nothing
+      target.blur();
       return;
     }
     const run = actions.get(SHIFTED[event.key] ?? event.key) ?? actions.get(event.key.toLowerCase());

@@ -20,13 +20,15 @@ import { Store } from './store.js';
 import { Strip } from './strip.js';
 import { damageTab, eventsTab, checkedText } from './tab-marks.js';
 import { filesTab } from './tab-files.js';
+import { spectrumTab } from './tab-spectrum.js';
+import { statisticsTab } from './tab-statistics.js';
 import { valuesTab } from './tab-values.js';
 import { applyTheme, nextTheme } from './theme.js';
 import { TimeAxis } from './times.js';
 import { hideTip, showTip } from './tip.js';
 import { moveInto, setView, showAll, zoom } from './view.js';
 
-const TABS = [valuesTab, eventsTab, damageTab, filesTab];
+const TABS = [valuesTab, eventsTab, damageTab, filesTab, spectrumTab, statisticsTab];
 
 const DEFAULTS = {
   mode: 'stacked', bands: ['sum'], fit: 'view', theme: 'auto', align: 'epoch', deadband: false, knots: false,
@@ -43,7 +45,6 @@ const state = new Store({
 });
 
 const app = { state, selection: new Selection(), ready: false };
-app.app = app;
 app.signals = new Signals(state, { wanted: () => app.panels.visibleLanes, width: () => app.panels.plotWidth, onData: () => drawSoon() });
 app.panels = new Panels(state, app.signals, at('panels'));
 app.readings = new Readings(state, app.signals, () => drawSoon());
@@ -269,6 +270,7 @@ function showHash() {
     state.tell(new Set(['shown']));
   }
   if (view) setView(state, ...view);
+  else showAll(state);
   if (selection) app.selection.set(...selection);
 }
 

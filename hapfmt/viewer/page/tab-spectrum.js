@@ -1,0 +1,147 @@
+// The spectrum of each shown channel, of the selection.
+import { eachPart, namedLane, spanFor, spanText } from './chosen.js';
+import { element, setText } from './dom.js';
+import { formatValue, plural } from './format.js';
+import { Plot, valueAt } from './plot.js';
+import { colorOfChannel, dashOfChannel } from './theme.js';
+import { LENGTHS, SHORTEST, Welch, lengthFor } from './welch.js';
+import { Work } from './work.js';
+
+const MOST = 64; // channels
+const DECADES = 8; // below the largest density
+
+export const spectrumTab = { id: 'spectrum', title: 'Spectrum', create: (app) => new Spectrum(app) };
+
+// A choice of the length of a segment; 0: by the number of samples.
+export function lengthChoice(onChange) {
+  const options = [[0, 'Segments: automatic'], ...LENGTHS.map((length) => [length, `Segments of ${length} samples`])];
+  return element('select', { 'aria-label': 'Length of a segment', onchange: onChange }, ...options.map(([value, text]) => element('option', { value }, text)));
+}
+
+// The length asked for, no longer than the samples; 0: there are too few.
+export function lengthOf(choice, count) {
+  if (count < SHORTEST) return 0;
+  return Number(choice.value) || lengthFor(count);
+}
+
+export const tooShort = (length) => (length ? `No ${length} samples without a gap.` : `Fewer than ${SHORTEST} samples.`);
+
+class Spectrum {
+  constructor(app) {
+    Object.assign(this, app);
+    this.found = new Map(); // lane key -> { lane, result or message }
+    this.choice = lengthChoice(() => this.update());
+    this.said = element('span', { class: 'said', role: 'status' });
+    this.plot = new Plot({ label: 'Spectrum: amplitude density by frequency. The arrow keys move the mark.', onMove: () => this.draw() });
+    this.legend = element('div', { class: 'legend', tabindex: '0', role: 'region', 'aria-label': 'Channels of the spectrum' });
+    this.element = element('div', { class: 'spectrum' },
+      element('div', { class: 'bar' }, this.choice, this.said),
+      element('div', { class: 'beside' }, this.plot.element, this.legend));
+    this.work = new Work((signal, lanes) => this.compute(signal, lanes), (error) => error && setText(this.said, error.message));
+    new ResizeObserver(() => this.draw()).observe(this.plot.element);
+  }
+
+  update() {
+    const { state, app } = this;
+    const lanes = state.lanes.slice(0, MOST);
+    const parts = lanes.map((lane) => `${lane.key} ${this.readings.bandOf(lane)} ${spanFor(app, lane.entry)}`);
+    this.work.ask(`${this.choice.value} ${parts.join(';')}`, lanes);
+    this.draw();
+  }
+
+  explain(text) {
+    const { length } = this.state.lanes;
+    const more = length > MOST ? ` The first ${MOST} of ${length} channels.` : '';
+    setText(this.said, `${spanText(this.app)}. ${text}${more}`);
+  }
+
+  async compute(signal, lanes) {
+    this.found = new Map();
+    this.draw();
+    for (const [i, lane] of lanes.entries()) {
+      this.explain(`Computing, ${i} of ${plural(lanes.length, 'channel')}.`);
+      this.found.set(lane.key, { lane, ...await this.computeOne(signal, lane) });
+      this.draw();
+    }
+    this.explain(lanes.length ? 'Hann windows that overlap by half, without missing samples.' : 'No channel is shown.');
+  }
+
+  async computeOne(signal, lane) {
+    const span = spanFor(this.app, lane.entry);
+    if (!span) return { message: 'nothing here' };
+    const length = lengthOf(this.choice, Math.round((span[1] - span[0]) * lane.rate));
+    if (!length) return { message: tooShort(length) };
+    const welch = new Welch(length, lane.rate);
+    try {
+      await eachPart(lane, span, this.readings.bandOf(lane), signal, ({ value }) => welch.push(value));
+    } catch (error) {
+      if (signal.aborted) throw error;
+      return { message: error.message };
+    }
+    const result = welch.result();
+    if (!result) return { message: tooShort(length) };
+    const amplitude = result.density.map(Math.sqrt);
+    let peak = 1;
+    for (let k = 2; k < amplitude.length; k++) if (amplitude[k] > amplitude[peak]) peak = k;
+    return { ...result, amplitude, peak };
+  }
+
+  axes() {
+    const lines = [...this.found.values()].filter(({ amplitude }) => amplitude);
+    if (!lines.length) return null;
+    const low = Math.min(...lines.map(({ frequency }) => frequency[1]));
+    const high = Math.max(...lines.map(({ frequency }) => frequency[frequency.length - 1]));
+    let [least, most] = [Infinity, 0];
+    for (const { amplitude } of lines) {
+      for (let k = 1; k < amplitude.length; k++) {
+        if (amplitude[k] > most) most = amplitude[k];
+        if (amplitude[k] > 0 && amplitude[k] < least) least = amplitude[k];
+      }
+    }
+    if (!(most > 0)) [least, most] = [0.1, 1];
+    least = Math.max(least, most / 10 ** DECADES);
+    const units = [...new Set(lines.map(({ lane }) => lane.unit))];
+    return {
+      x: { low, high, log: true, label: 'Hz' },
+      y: { low: least / 1.5, high: most * 1.5, log: true, label: units.length === 1 ? `${units[0] || '1'}/√Hz` : 'unit/√Hz' },
+    };
+  }
+
+  draw() {
+    const axes = this.axes();
+    if (axes && this.plot.element.clientHeight) this.plot.draw(axes, (context, box, toX, toY) => this.paint(context, toX, toY));
+    this.plot.canvas.hidden = !axes;
+    this.showLegend(axes);
+  }
+
+  paint(context, toX, toY) {
+    for (const { lane, frequency, amplitude } of this.found.values()) {
+      if (!amplitude) continue;
+      context.strokeStyle = colorOfChannel(lane.color);
+      context.lineWidth = lane.key === this.state.focus ? 2.4 : 1.3;
+      context.setLineDash(dashOfChannel(lane.color));
+      context.beginPath();
+      for (let k = 1; k < frequency.length; k++) {
+        const y = amplitude[k] > 0 ? toY(amplitude[k]) : 1e5;
+        if (k === 1) context.moveTo(toX(frequency[k]), y);
+        else context.lineTo(toX(frequency[k]), y);
+      }
+      context.stroke();
+    }
+    context.setLineDash([]);
+  }
+
+  showLegend(axes) {
+    const mark = axes && this.plot.share !== null ? valueAt(axes.x, this.plot.share) : null;
+    this.legend.replaceChildren(...[...this.found.values()].map(({ lane, message, frequency, amplitude, peak }) => {
+      let text = message;
+      if (amplitude) {
+        const k = mark === null ? peak : Math.max(1, Math.min(amplitude.length - 1, Math.round(mark / frequency[1])));
+        text = `${mark === null ? 'peak ' : ''}${formatValue(Number(amplitude[k].toPrecision(4)))} ${lane.unit || '1'}/√Hz at ${formatValue(Number(frequency[k].toPrecision(5)))} Hz`;
+      }
+      const swatch = element('span', { class: dashOfChannel(lane.color).length ? 'swatch dashed' : 'swatch', 'aria-hidden': 'true' });
+      swatch.style.background = colorOfChannel(lane.color);
+      return element('p', { dataset: { lane: lane.key } }, swatch, element('bdi', {}, namedLane(this.app, lane)), element('span', { class: 'said' }, text));
+    }));
+  }
+}
