@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from browser import served
+from depth import deep
+from edited import PRESETS, made, packets_of, tracks_of
 from numpy.typing import NDArray
 from spec import ROOT
 
 import hapfmt
 
+EXAMPLES = sorted((ROOT / "conformance" / "examples").glob("*.hapf"))
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="needs node")
 
@@ -141,3 +148,96 @@ def test_the_tabs_of_spectrum_and_statistics(chromium: Any, recorded: Path) -> N
         page.focus(".plot canvas")
         page.keyboard.press("ArrowRight")
         assert "peak" not in lines.nth(0).inner_text()
+
+
+EVENTS = (
+    hapfmt.Event(Fraction(1, 2), "tap", Fraction(1, 4), channel=1, layer="touch"),
+    hapfmt.Event(Fraction(1), "slip ∆", channel=0, layer="touch"),
+    hapfmt.Event(Fraction(2), "pause", layer="notes"),
+)
+CLOCKS = (
+    hapfmt.ClockObservation("ptp", None, 10**9, 5 * 10**12, 40),
+    hapfmt.ClockObservation("adc", 1, 50, 5 * 10**12 + 7, 0),
+)
+MAPS = (hapfmt.ClockMap("adc", 0, ((0, 7 * 10**12), (1000, 9 * 10**12))),)
+
+SUBSET = """
+  const bytes = Uint8Array.from(atob(input.data), (letter) => letter.charCodeAt(0));
+  try {
+    const found = m.subsetOf(bytes, input.asked);
+    let text = '';
+    for (const byte of found.bytes) text += String.fromCharCode(byte);
+    return { ...found, bytes: btoa(text) };
+  } catch (error) {
+    if (error.name !== 'HapfError') throw error;
+    return { message: error.message };
+  }
+"""
+
+
+def subset(data: bytes, channels: list[int], *span: float) -> Any:
+    asked: dict[str, Any] = {"channels": channels, "name": "x"}
+    if span:
+        asked |= {"t0": span[0], "t1": span[1]}
+    given = {"data": base64.b64encode(data).decode(), "asked": asked}
+    return node("data/subset.js", SUBSET, given)
+
+
+def check_subset(data: bytes, channels: list[int], *span: float) -> None:
+    """It is intact, and what Python's editor writes for the same channels and times."""
+    found = base64.b64decode(subset(data, channels, *span)["bytes"])
+    report = hapfmt.verify(found)
+    assert report.verdict == "intact", report
+    stream = io.BytesIO()
+    hapfmt.edit.subset(data, stream, channels, *span)
+    wanted = stream.getvalue()
+    ours, theirs = hapfmt.read(found), hapfmt.read(wanted)
+    same_recordings(replace(ours, metadata={}), replace(theirs, metadata={}))
+    metadata = dict(theirs.metadata)
+    assert len(metadata.pop("notes")) == len(ours.metadata["notes"])
+    assert metadata == {name: one for name, one in ours.metadata.items() if name != "notes"}
+    packets = [(p.track, p.start, p.span, p.data) for p in packets_of(found)]
+    assert sorted(packets) == sorted((p.track, p.start, p.span, p.data) for p in packets_of(wanted))
+    assert tracks_of(found).keys() == tracks_of(wanted).keys()
+
+
+def same_recordings(ours: hapfmt.Recording, theirs: hapfmt.Recording) -> None:
+    assert len(ours) == len(theirs)
+    for a, b in zip(ours, theirs, strict=True):
+        assert a.coverage == b.coverage and a.rate_exact == b.rate_exact
+        assert (a.label, a.unit, a.calibration) == (b.label, b.unit, b.calibration)
+        assert a.to_numpy().tobytes() == b.to_numpy().tobytes()
+    for name in ("uuid", "epoch_ns", "events", "clocks", "clock_maps", "attachments"):
+        assert getattr(ours, name) == getattr(theirs, name), name
+
+
+@needs_node
+@pytest.mark.parametrize("name", [*deep([*PRESETS][:-2]), *[*PRESETS][-2:]])
+def test_a_subset_is_that_of_the_editor(name: str) -> None:
+    data = made(name, events=EVENTS, clocks=CLOCKS, clock_maps=MAPS)
+    check_subset(data, [1], 0.7, 1.9)
+    check_subset(data, [0, 2])
+    check_subset(data, [*range(len(hapfmt.read(data)))], 0.001, 0.002)
+
+
+@needs_node
+@pytest.mark.parametrize("path", deep(EXAMPLES), ids=lambda path: path.stem)
+def test_a_subset_of_each_example(path: Path) -> None:
+    data = path.read_bytes()
+    if hapfmt.verify(data).verdict != "intact":
+        assert "not intact" in subset(data, [0])["message"]
+        return
+    recording = hapfmt.read(data)
+    if recording.channels:
+        check_subset(data, [0])
+        check_subset(data, [len(recording) - 1], 0, float(recording.duration) / 2)
+
+
+@needs_node
+def test_no_subset_of_a_damaged_file() -> None:
+    data = bytearray(made("lossless"))
+    assert "message" in subset(bytes(data[:-40]), [0])
+    assert "none of these channels" in subset(bytes(data), [9])["message"]
+    data[len(data) // 2] ^= 1
+    assert "not intact" in subset(bytes(data), [0])["message"]
+    assert "message" in subset(b"nothing", [0])

@@ -1,7 +1,7 @@
 // Answers messages with what a session gives: within a Worker, or in the thread of the page.
 import { Session } from './session.js';
 
-const METHODS = new Set(['samples', 'envelope', 'events', 'damage', 'verify', 'knots', 'bytes', 'stats']);
+const METHODS = new Set(['samples', 'envelope', 'events', 'damage', 'verify', 'knots', 'bytes', 'subset', 'stats']);
 const TELL_MS = 120; // between two messages of a kind
 const TAKES_PROGRESS = new Set(['verify']);
 

@@ -13,6 +13,7 @@ import { Packets } from './packets.js';
 import { Pictures } from './pictures.js';
 import { Signals, channelsOf, physical } from './signals.js';
 import { aborted, openSource } from './sources.js';
+import { subsetOf } from './subset.js';
 import { gapsBetween, secondsAt, secondsBetween, tickAt } from './ticks.js';
 
 const SAMPLE_BOUND = 2e7; // of one request
@@ -196,6 +197,12 @@ export class Session {
     this.report = { verdict, damages: damagesOf(file), findings: [...damages, ...findings] };
     this.tell('damage', { verdict });
     return { verdict, findings: this.report.findings };
+  }
+
+  // A part of the file, packet by packet: as subsetOf gives it.
+  async subset(asked, { signal } = {}) {
+    const bytes = this.file.bytes ?? await readWhole(this.source, () => {}, signal);
+    return subsetOf(bytes, asked);
   }
 
   async bytes(start, stop, { signal } = {}) {
