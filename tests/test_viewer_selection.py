@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import served
+from browser import exported, served
 from depth import deep
 from edited import PRESETS, made, packets_of, tracks_of
 from numpy.typing import NDArray
@@ -241,3 +241,109 @@ def test_no_subset_of_a_damaged_file() -> None:
     data[len(data) // 2] ^= 1
     assert "not intact" in subset(bytes(data), [0])["message"]
     assert "message" in subset(b"nothing", [0])
+
+
+@needs_node
+def test_floats_are_those_of_python() -> None:
+    rng = np.random.default_rng(5)
+    bits = rng.integers(0, 1 << 64, 2000, dtype=np.uint64).view(np.float64)
+    x = [*bits[np.isfinite(bits)], 0.0, 1.0, -2.5, 1e16, 1e15, 123456789012345680.0, 1e-4, 9e-5]
+    x += [5e-324, 1e22, 0.1, 100.0, float("inf"), -float("inf"), *np.round(rng.normal(size=99), 4)]
+    given = [float(value) for value in x]
+    found = node("page/csv.js", "return input.map(m.floatText);", given)
+    assert found == [repr(value) for value in given]
+    assert node("page/csv.js", "return m.floatText(-0);", None) == "-0.0"
+
+
+TABLES = """
+  const recording = await open(input.path);
+  const tables = [];
+  const channels = recording.channels.filter(({ index }) => input.channels.includes(index));
+  for (const group of m.byRate(channels)) {
+    const { parts, rows, leftOut } = await m.tableOf(recording, group, input.span);
+    tables.push({ text: parts.join(''), channels: group.channels.map(({ index }) => index), rows, leftOut });
+  }
+  return tables;
+"""
+
+
+def check_tables(path: Path, channels: list[int], start: float, stop: float, count: int) -> None:
+    """They are the bytes that ``hapfmt decode`` writes."""
+    given = {"path": str(path), "channels": channels, "span": [start, stop]}
+    tables = node("page/csv.js", TABLES, given)
+    assert len(tables) == count
+    for table in tables:
+        out = path.with_name("out.csv")
+        recording = hapfmt.read(path).sel(table["channels"], start, stop)
+        hapfmt.save(recording, out, force=True)
+        assert table["text"] == out.read_text("utf-8")
+
+
+@needs_node
+@pytest.mark.parametrize("name", ["lossless doubles", *deep(["paper", "perceptual"])])
+def test_tables_are_those_of_decode(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "touch.hapf"
+    path.write_bytes(made(name))
+    count = 2 if name == "lossless doubles" else 1
+    doubles = [n for n, one in enumerate(hapfmt.read(path)) if one.label != "words"]
+    check_tables(path, doubles, 0, 4, count)
+    check_tables(path, [1], 0.7, 1.9, 1)
+
+
+@needs_node
+def test_no_table_rounds(tmp_path: Path) -> None:
+    path = tmp_path / "words.hapf"
+    channel = hapfmt.Channel(np.array([3, 2**60 + 1], np.int64), Fraction(10), label="steps")
+    hapfmt.write(hapfmt.Recording((channel,)), path)
+    code = f"""
+      const table = (...args) => m.tableOf(...args).catch((error) => ({{ parts: [error.message] }}));
+      {TABLES.replace("m.tableOf", "table")}
+    """
+    given = {"path": str(path), "channels": [0], "span": [0, 1]}
+    assert "would round" in node("page/csv.js", code, given)[0]["text"]
+
+
+@needs_node
+def test_a_table_of_a_long_gap(tmp_path: Path) -> None:
+    path = tmp_path / "gap.hapf"
+    spans = (hapfmt.Span(7, 17), hapfmt.Span(2_000_000, 2_000_010))
+    values = np.arange(20, dtype=np.int32)
+    channel = hapfmt.Channel(values, Fraction(30000, 1001), spans, label='a "b"', unit="mm")
+    hapfmt.write(hapfmt.Recording((channel,)), path)
+    check_tables(path, [0], 0, 1e6, 1)
+    check_tables(path, [0], 0.4, 20000.0, 1)
+
+
+@pytest.mark.deep
+def test_saving(chromium: Any, recorded: Path, tmp_path: Path) -> None:
+    """From a page with the data inside: offline."""
+    with exported(chromium, [recorded], tmp_path / "page.html", offline=True) as seen:
+        page = seen.page
+        page.evaluate("() => { location.hash = 'sel=1,3.5&ch=0,2&tab=save'; }")
+        page.locator(".save p", has_text="2 channels").wait_for()
+        saved = {}
+        for name in ("picture", "table", "part"):
+            with page.expect_download() as found:
+                page.get_by_role("button", name=f"Save {name}").click()
+            saved[name] = tmp_path / found.value.suggested_filename
+            found.value.save_as(saved[name])
+    assert saved["picture"].read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+    out = tmp_path / "wanted.csv"
+    hapfmt.save(hapfmt.read(recorded).sel([0, 2], 1, 3.5), out)
+    assert saved["table"].read_bytes() == out.read_bytes()
+    part = hapfmt.read(saved["part"])
+    assert hapfmt.verify(saved["part"]).verdict == "intact"
+    assert [channel.label for channel in part] == ["thumb", "palm"]
+
+
+@pytest.mark.deep
+def test_what_cannot_be_saved_is_said(chromium: Any, tmp_path: Path) -> None:
+    path = tmp_path / "it's broken.hapf"
+    data = bytearray(made("lossless"))
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with served(chromium, [path], "#tab=save") as seen:
+        page = seen.page
+        page.get_by_role("button", name="Save part").click()
+        said = page.locator(".save [role=status]", has_text="Not saved")
+        assert "hapfmt subset 'it'\\''s broken.hapf'" in said.inner_text()

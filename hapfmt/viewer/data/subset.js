@@ -12,7 +12,7 @@ import { clustersOf, timesOf } from '../decoder/recover.js';
 import { judge, settle } from '../decoder/report.js';
 import { guarded } from '../decoder/verify.js';
 import { Writer } from '../decoder/writer.js';
-import { tickAt } from './ticks.js';
+import { secondsAt, tickAt } from './ticks.js';
 
 const HEAD_SIZE = 44;
 const NONE = 0xffff;
@@ -23,7 +23,7 @@ const refuse = (requirement, message, offset = null) => {
 };
 
 // channels: their numbers; t0, t1: seconds, or both null for all. name: what the notes call the file.
-// -> { bytes, packets, channels: numbers that are in it, notes }. Throws HapfError for a file that cannot be copied so.
+// -> { bytes, packets, start, stop: seconds, channels: numbers that are in it, notes }. Throws HapfError for a file that cannot be copied so.
 export function subsetOf(bytes, { channels, t0 = null, t1 = null, name, fileId = randomId() }) {
   const file = opened(bytes);
   const plan = lay(file, new Set(channels));
@@ -41,7 +41,18 @@ export function subsetOf(bytes, { channels, t0 = null, t1 = null, name, fileId =
   copyOthers(file, plan, writer, notes, (position) => position > first);
   copyDigests(file, plan, writer, copied.partial);
   writer.writeFoot(copied.clusters, kept.length, durationNs(copied.packets, plan.view.allTracks));
-  return { bytes: writer.bytes(), packets: copied.packets.length, channels: [...plan.numbers.keys()], notes };
+  const [start, stop] = edgesOf(copied.packets, plan.view.allTracks);
+  return { bytes: writer.bytes(), packets: copied.packets.length, start, stop, channels: [...plan.numbers.keys()], notes };
+}
+
+function edgesOf(packets, tracks) {
+  let [start, stop] = [Infinity, -Infinity];
+  for (const packet of packets) {
+    const track = tracks.get(packet.track);
+    start = Math.min(start, secondsAt(track, packet.start));
+    stop = Math.max(stop, secondsAt(track, packet.start + packet.span));
+  }
+  return [start, stop];
 }
 
 // EDT-001.
