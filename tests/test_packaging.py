@@ -18,6 +18,16 @@ from spec import ROOT
 import hapfmt
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+NOT_COPIED = (
+    ".git",
+    ".venv",
+    "build",
+    "dist",
+    "*.egg-info",
+    "__pycache__",
+    ".*_cache",
+    ".hypothesis",
+)
 ADDRESS = "https://repository.example/hapfmt"
 
 
@@ -41,7 +51,9 @@ def published() -> list[str]:
 def sdist(tmp_path_factory) -> Path:
     pytest.importorskip("build")
     room = tmp_path_factory.mktemp("sdist")
-    words = ("-m", "build", "--sdist", "--no-isolation", "--outdir", room, ROOT)
+    # In a copy: setuptools writes beside the sources, and other tests may run at the same time.
+    shutil.copytree(ROOT, room / "copy", ignore=shutil.ignore_patterns(*NOT_COPIED))
+    words = ("-m", "build", "--sdist", "--no-isolation", "--outdir", room, room / "copy")
     run(sys.executable, *words, cwd=room, HAPFMT_REPOSITORY=ADDRESS + "/")
     (found,) = room.glob("*.tar.gz")
     return found

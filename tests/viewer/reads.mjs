@@ -21,7 +21,7 @@ const CALLS = {
     return CALLS.facts();
   },
   facts() {
-    const { link, ...facts } = recording;
+    const { link, origin, ...facts } = recording;
     return { ...facts, changes };
   },
   // An envelope once nothing of it is missing.

@@ -9,11 +9,11 @@ class RecordingError extends Error {
 }
 
 // The page has the code of worker.js as a text.
-let place = null;
+let address = null;
 
 function newWorker() {
-  place ??= URL.createObjectURL(new Blob([globalThis.hapfWorkerCode], { type: 'text/javascript' }));
-  return new Worker(place);
+  address ??= URL.createObjectURL(new Blob([globalThis.hapfWorkerCode], { type: 'text/javascript' }));
+  return new Worker(address);
 }
 
 // source: { name, url } | { name, blob } | { name, bytes }; worker: gives a new Worker that runs worker.js;
@@ -26,8 +26,9 @@ export async function openRecording(source, { worker = newWorker, onChange = () 
   const whole = url && globalThis.document ? new URL(url, document.baseURI).href : url;
   try {
     link.onChange = (what, news) => onChange(what, news);
-    const facts = await link.call('open', [{ url: whole, blob, bytes }], { signal });
-    return new Recording(name, facts, link, onChange);
+    const place = { url: whole, blob, bytes };
+    const facts = await link.call('open', [place], { signal });
+    return new Recording(name, facts, link, onChange, { place, worker });
   } catch (error) {
     link.close();
     throw error;
@@ -97,9 +98,10 @@ class Link {
 }
 
 class Recording {
-  constructor(name, facts, link, onChange) {
+  constructor(name, facts, link, onChange, origin) {
     this.name = name;
     Object.assign(this, facts);
+    this.origin = origin;
     this.link = link;
     link.onChange = (what, news = {}) => {
       if (news.facts) Object.assign(this, news.facts);
@@ -117,8 +119,17 @@ class Recording {
     return this.link.call('damage', [], options);
   }
 
-  verify(onProgress, options = {}) {
-    return this.link.call('verify', [], { ...options, onProgress });
+  // A full check, in a Worker of its own. onProgress(done, of).
+  async verify(onProgress, { signal } = {}) {
+    const { place, worker } = this.origin;
+    const link = new Link(worker());
+    try {
+      const report = await link.call('check', [place], { signal, onProgress });
+      await this.link.call('learn', [report]);
+      return { verdict: report.verdict, findings: report.findings };
+    } finally {
+      link.close();
+    }
   }
 
   envelope(channelIndexes, t0, t1, bins, band = 'sum', options = {}) {

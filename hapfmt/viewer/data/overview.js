@@ -16,7 +16,8 @@ const BLOCK = 4096; // bins of a part
 const BASE_BOUND = 2 ** 24;
 const TICK_BOUND = 2 ** 48;
 const EMPTY = -32768;
-const KEPT = 2 ** 24; // bytes of parts
+const KEPT = 2 ** 24; // bytes of decoded parts
+const BIN_BYTES = 16;
 const TRIED = 16; // attachments, from the last one on
 
 // The overview breaks a rule: it counts as absent (OVW-008).
@@ -129,11 +130,23 @@ class Overview {
     this.kept = new Lru(KEPT);
   }
 
-  // The coarsest level of a channel with bins of at most `width` ticks, the finest if there is none.
+  // The coarsest level of a channel with bins of at most two `width` ticks, the finest if there is none.
   levelFor(row, width) {
     let found = row.levels[0];
-    for (const level of row.levels) if (level.size <= width) found = level;
+    for (const level of row.levels) if (level.size <= 2 * width) found = level;
     return found;
+  }
+
+  // Bytes to fetch for load(wanted), 0 where there are too many to be kept.
+  missingBytes(wanted) {
+    let [size, bins] = [0, 0];
+    for (const one of wanted) {
+      for (const part of partsOf(one)) {
+        bins += part.bins;
+        if (!this.kept.get(part)) size += part.size;
+      }
+    }
+    return BIN_BYTES * bins > KEPT / 2 ? 0 : size;
   }
 
   // The parts that ranges need in one go: wanted is [{ row, level, first, stop }], in ticks.
@@ -146,7 +159,7 @@ class Overview {
       need(crc32(read[i]) === part.crc);
       const values = decodePart(read[i], part, row);
       held.set(part, values);
-      this.kept.set(part, values, 16 * part.bins);
+      this.kept.set(part, values, BIN_BYTES * part.bins);
     });
     return (part) => held.get(part) ?? this.kept.get(part);
   }

@@ -6,9 +6,10 @@ import { isCounted, physical, scaleOf } from './signals.js';
 import { aborted } from './sources.js';
 import { gapsBetween, secondsAt, secondsBetween, tickAt } from './ticks.js';
 
-const DIRECT = 2 ** 20; // samples that are decoded at once
+const DIRECT = 2 ** 19; // samples that are decoded at once
 const PYRAMID_BYTES = 1.6e8;
 const FINEST = 8; // ticks of a bin
+const QUICK = 2 ** 17; // bytes of an overview for a first picture
 const SLICE_MS = 20;
 const VIEWS = 6; // pictures that are on the way
 const GROUP = 2 ** 20; // bytes of clusters that are fetched together
@@ -46,7 +47,7 @@ export class Pictures {
       const level = this.levelFor(view);
       if (view.width <= 2) out[index] = await this.bySamples(view, signal);
       else if (this.isBuilt(view)) out[index] = this.byPyramid(view);
-      else if (level && level.level.size <= view.width) rough.set(view, level);
+      else if (level && level.level.size <= 2 * view.width) rough.set(view, level);
       else if (few) out[index] = await this.byBins(view, signal);
       else {
         waiting.push({ channel: view.channel, band, pyramid: this.pyramidOf(view) });
@@ -55,9 +56,10 @@ export class Pictures {
       }
     }
     if (rough.size) {
-      const held = await this.load(rough, signal);
+      const shown = this.atOnce(rough);
+      const held = await this.load(shown, signal);
       if (!held) return this.envelope(channels, t0, t1, bins, band, signal);
-      for (const [view, level] of rough) out[view.channel.index] = this.byOverview(view, level, held);
+      for (const [view, level] of shown) out[view.channel.index] = this.byOverview(view, level, held);
     }
     if (waiting.length) this.want(waiting, t0, t1);
     return out;
@@ -138,6 +140,13 @@ export class Pictures {
     return { row, level: overview.levelFor(row, width), first, stop };
   }
 
+  // What is shown of the overview at first: where much has to be fetched, the coarsest level of each channel.
+  atOnce(rough) {
+    if (this.session.overview.missingBytes(rough.values()) <= QUICK) return rough;
+    this.load(rough).then(() => this.session.tell('overview', {}), () => {});
+    return new Map([...rough].map(([view, one]) => [view, { ...one, level: one.row.levels.at(-1) }]));
+  }
+
   // The parts of the overview for some pictures, null where it breaks a rule: it is not used any more.
   async load(rough, signal) {
     const { session } = this;
@@ -162,7 +171,7 @@ export class Pictures {
       if (last && last[1] === start) last[1] += width;
       else spans.push([start, start + width]);
     });
-    return this.result(view, { from, width, min, max, spans, counted: false, complete: level.size <= view.width });
+    return this.result(view, { from, width, min, max, spans, counted: false, complete: level.size <= 2 * view.width });
   }
 
   clustersFor({ track }, first, stop) {
@@ -242,11 +251,11 @@ export class Pictures {
     }
   }
 
-  // Lets requests come in between.
+  // Requests come first.
   async breathe() {
-    if (performance.now() - this.began < SLICE_MS) return;
+    if (!this.session.busy && performance.now() - this.began < SLICE_MS) return;
     this.session.tell('overview', { verdict: this.session.verdict });
-    await pause();
+    do await pause(); while (this.session.busy && !this.closed);
     this.began = performance.now();
   }
 

@@ -1,8 +1,6 @@
 // One file that is looked at, and the answers to what the page asks for. It runs in a Worker.
 import { decodeEvents } from '../decoder/codecs.js';
 import { HapfError, unsupported } from '../decoder/error.js';
-import { reportOf } from '../decoder/report.js';
-import { verifyFile } from '../decoder/verify.js';
 import { FalseIndex, openByIndex } from './byindex.js';
 import { readWhole, walkFile } from './bywalk.js';
 import { damagesOf, faultOf } from './damages.js';
@@ -29,6 +27,7 @@ export class Session {
     this.file = null;
     this.faults = [];
     this.report = null;
+    this.busy = 0; // requests that are being answered
     this.overview = null;
     this.closed = false;
   }
@@ -70,11 +69,14 @@ export class Session {
   // Does something by the index, and again by a walk where the index does not hold.
   async guarded(action) {
     const { file } = this;
+    this.busy++;
     try {
       return await action();
     } catch (error) {
       await this.mend(error, file);
-      return action();
+      return await action();
+    } finally {
+      this.busy--;
     }
   }
 
@@ -190,13 +192,10 @@ export class Session {
     return found.map((one) => (one.time0 !== null && one.time1 === null ? { ...one, time1: Math.max(this.facts.stop, one.time0) } : one));
   }
 
-  async verify(onProgress = () => {}, { signal } = {}) {
-    const bytes = this.file.bytes ?? await readWhole(this.source, onProgress, signal);
-    const file = verifyFile(bytes);
-    const { verdict, damages, findings } = reportOf(file);
-    this.report = { verdict, damages: damagesOf(file), findings: [...damages, ...findings] };
+  // What a check of the whole file found (check.js).
+  learn({ verdict, damages, findings }) {
+    this.report = { verdict, damages, findings };
     this.tell('damage', { verdict });
-    return { verdict, findings: this.report.findings };
   }
 
   // A part of the file, packet by packet: as subsetOf gives it.

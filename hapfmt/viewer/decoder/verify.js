@@ -12,11 +12,12 @@ export const noteOf = ({ requirement, offset, message, kind }, packet) => ({
   requirement, offset, message, kind: kind === 'unsupported' ? kind : 'broken', chunk: packet.chunk, packet, soft: false,
 });
 
-export function verifyFile(bytes, { recovering = false } = {}) {
+// onProgress(done, of): called with the packets that are decoded.
+export function verifyFile(bytes, { recovering = false, onProgress = () => {} } = {}) {
   const file = openFile(bytes, { recovering });
   if (!file.refused) {
     // CHK-009.
-    const digests = file.criticalUnknown && !recovering ? new Map() : decodeAll(file);
+    const digests = file.criticalUnknown && !recovering ? new Map() : decodeAll(file, onProgress);
     guarded(file, () => {
       settle(file);
       // DGS-002.
@@ -41,7 +42,7 @@ export function guarded(file, action) {
 }
 
 // -> Map of the digest chunk's entries to the digests computed at their places. A packet that breaks a rule is left out.
-function decodeAll(file) {
+function decodeAll(file, onProgress) {
   const { tracks, packets } = file;
   const states = new Map();
   const wanted = lastDigests(file);
@@ -49,7 +50,9 @@ function decodeAll(file) {
   let samples = 0;
   const channels = new Set();
   for (const track of tracks.values()) for (const channel of track.channels) channels.add(channel);
+  let done = 0;
   for (const packet of packets) {
+    onProgress(done++, packets.length);
     const track = tracks.get(packet.track);
     if (track.unsupported || !track.setup) continue;
     try {

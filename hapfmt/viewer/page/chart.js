@@ -11,6 +11,7 @@ export const GUTTER = 78; // px, left of each chart: its unit and values
 export const RIGHT = 12;
 
 const FONT = '11px system-ui, sans-serif';
+const EVENTS_DRAWN = 2000; // in one chart
 const POINT_SPACE = 5; // px between samples that are drawn as points
 
 const unitScale = { time: false, auto: false, range: () => [0, 1] };
@@ -79,7 +80,7 @@ export class Chart {
       width: band === 'lf' && this.many ? 2 : 1.2,
       dash: this.many ? dashOfChannel(lane.color) : [],
       stroke: () => this.colorOf(layer) + (faded() ? '30' : ''),
-      fill: () => this.colorOf(layer) + (faded() ? '10' : this.many ? '50' : '80'),
+      fill: () => this.colorOf(layer) + (faded() ? '10' : this.many ? '70' : 'b0'),
       paths: () => this.path(layer),
       points: { show: () => this.drawPoints(layer, faded()) },
     };
@@ -110,7 +111,7 @@ export class Chart {
       const whole = state.fit === 'all';
       const range = rangeInSight(result, whole ? -Infinity : state.t0 - offset, whole ? Infinity : state.t1 - offset);
       if (range) [low, high] = [Math.min(low, range[0]), Math.max(high, range[1])];
-      const edges = range && state.deadband && edgesOfResult(lane.channel, result);
+      const edges = range && band === 'sum' && state.deadband && edgesOfResult(lane.channel, result);
       if (edges) [low, high] = [Math.min(low, edges.around(low)[0]), Math.max(high, edges.around(high)[1])];
     }
     return low <= high ? padded([low, high]) : this.range;
@@ -204,10 +205,11 @@ export class Chart {
         ctx.fillStyle = hatch(ctx, theme.colors.gap, true);
         ctx.fill(spansPath(result.gaps, box, offset));
       }
-      const edges = state.deadband && result?.time.length ? edgesOfResult(lane.channel, result) : null;
+      const sum = state.deadband && state.bands.includes('sum') ? signals.get(lane, 'sum') : null; // its bound is that of the full band
+      const edges = sum?.time.length ? edgesOfResult(lane.channel, sum) : null;
       if (edges) {
         ctx.fillStyle = `${this.many ? this.colorOf({ lane }) : theme.colors.lf}40`;
-        ctx.fill(bandPath(result.time, edges.lower, edges.upper, box, offset));
+        ctx.fill(bandPath(sum.time, edges.lower, edges.upper, box, offset));
       }
     }
     this.drawMarks(ctx, box);
@@ -227,11 +229,15 @@ export class Chart {
       ctx.fillStyle = hatch(ctx, theme.colors.damage, false);
       ctx.fill(path);
     }
-    ctx.fillStyle = `${theme.colors.event}70`;
-    const pixel = (box.t1 - box.t0) / box.width;
-    for (let i = lowerBound(event.starts, box.t0); i < event.starts.length && event.starts[i] <= box.t1;) {
-      ctx.fillRect(Math.round(x(event.starts[i])), box.top, devicePixelRatio, box.height);
-      i = Math.max(i + 1, lowerBound(event.starts, event.starts[i] + pixel));
+    const first = lowerBound(event.starts, box.t0);
+    for (let i = first; i < Math.min(event.starts.length, first + EVENTS_DRAWN) && event.starts[i] <= box.t1; i++) {
+      const mark = event.list[i];
+      if (!lanes.some((lane) => concerns(mark, lane))) continue;
+      const [start, stop] = spanOf(mark);
+      ctx.fillStyle = `${theme.colors.event}14`;
+      if (stop > start) ctx.fill(spansPath([[start, stop]], box, 0));
+      ctx.fillStyle = `${theme.colors.event}70`;
+      ctx.fillRect(Math.round(x(start)), box.top, devicePixelRatio, box.height);
     }
   }
 

@@ -5,7 +5,8 @@ import { formatTime, decimalsOf, formatValue, withUnit } from './format.js';
 
 export class Cursors {
   constructor(app, root) {
-    Object.assign(this, app, { root });
+    const { state, panels, selection, readings } = app;
+    Object.assign(this, { state, panels, selection, readings, root });
     this.lines = Object.fromEntries(['hover', 'a', 'b'].map((name) => {
       const tag = element('span', { class: 'tag' });
       const line = element('div', { class: `line ${name}` }, tag);

@@ -12,7 +12,8 @@ const LISTED = 6; // marks that one text tells
 
 export class Flags {
   constructor(app, root) {
-    Object.assign(this, app, { root });
+    const { state, panels } = app;
+    Object.assign(this, { state, panels, root });
     root.setAttribute('role', 'toolbar');
     root.setAttribute('aria-label', 'Events and damage in sight');
     root.addEventListener('keydown', (event) => this.keydown(event));

@@ -24,8 +24,8 @@ export function factsOf({ recording, lanes }) {
 
 export class Head {
   constructor(app, facts, tools) {
-    Object.assign(this, app, { facts });
-    const { state } = this;
+    const { state } = app;
+    Object.assign(this, { app, state, facts });
     const button = (text, title, run) => element('button', { type: 'button', title, onclick: run }, text);
     const toggle = (text, title, run) => element('button', { type: 'button', title, 'aria-pressed': 'false', onclick: run }, text);
     const group = (label, ...buttons) => element('span', { class: 'group', role: 'group', 'aria-label': label }, ...buttons);

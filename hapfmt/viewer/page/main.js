@@ -46,7 +46,6 @@ const state = new Store({
 });
 
 const app = { state, selection: new Selection(), ready: false };
-app.app = app;
 app.signals = new Signals(state, { wanted: () => app.panels.visibleLanes, width: () => app.panels.plotWidth, onData: () => drawSoon() });
 app.panels = new Panels(state, app.signals, at('panels'));
 app.readings = new Readings(state, app.signals, () => drawSoon());
@@ -272,6 +271,7 @@ function showHash() {
     state.tell(new Set(['shown']));
   }
   if (view) setView(state, ...view);
+  else showAll(state);
   if (selection) app.selection.set(...selection);
 }
 

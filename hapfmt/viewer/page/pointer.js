@@ -7,7 +7,8 @@ const CLICK = 4; // px that a click may move
 
 export class Pointer {
   constructor(app, root) {
-    Object.assign(this, app, { root });
+    const { state, panels, selection, cursors, onHover } = app;
+    Object.assign(this, { state, panels, selection, cursors, onHover, root });
     this.down = new Map(); // pointer id -> its last place
     root.addEventListener('wheel', (event) => this.wheel(event), { passive: false });
     root.addEventListener('pointerdown', (event) => this.press(event));

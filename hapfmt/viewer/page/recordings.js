@@ -24,7 +24,7 @@ export function lanesOf(entry) {
       unit: unit === '1' ? '' : unit || '',
       rate: num / (den || 1) || channel.rate,
       text: [label || `channel ${channel.index}`, unit, group, device, quantity, axis, entry.name].filter(Boolean).join(' ').toLowerCase(),
-      color: channel.index,
+      color: 0,
       shown: true,
     };
   });
@@ -40,9 +40,11 @@ export function explain(error, name, size) {
   return `${name} cannot be opened: ${error.message}${rule}.`;
 }
 
+let opened = 0;
+
 // source: { name, url } | { name, blob } | { name, bytes }.
 export async function addRecording(state, source) {
-  const number = state.entries.length + state.failures.length + state.pending;
+  const number = opened++;
   const size = source.blob?.size ?? source.bytes?.length ?? null;
   const entry = { number, name: source.name, source, offset: 0, damage: [], events: [], findings: null };
   state.set({ pending: state.pending + 1 });

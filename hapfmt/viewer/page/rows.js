@@ -11,12 +11,11 @@ export class Rows {
     this.active = 0;
     this.rowRole = role === 'listbox' ? 'option' : 'row';
     this.prefix = `rows-${lists++}`;
-    this.inner = element('div', { class: 'rows-inner', role: 'presentation' });
+    this.inner = element('div', { class: 'rows-inner', role: 'presentation', onclick: (event) => this.click(event) });
     this.element = element('div', {
       class: 'rows', role, tabindex: '0', 'aria-label': label,
       onscroll: () => this.draw(),
       onkeydown: (event) => this.keydown(event),
-      onfocus: () => this.draw(),
     }, this.inner);
     new ResizeObserver(() => this.draw()).observe(this.element);
   }
@@ -43,16 +42,20 @@ export class Rows {
   row(i) {
     const row = element('div', {
       class: 'row', role: this.rowRole, id: `${this.prefix}-${i}`, 'aria-posinset': i + 1, 'aria-setsize': this.count,
-      onclick: (event) => {
-        this.active = i;
-        this.markActive();
-        this.act(i, event);
-      },
     });
     row.style.top = `${i * this.rowHeight}px`;
     row.style.height = `${this.rowHeight}px`;
     this.render(i, row);
     return row;
+  }
+
+  // By its place: rows may be made again between the press and the release of a button.
+  click(event) {
+    const i = Math.floor((event.clientY - this.inner.getBoundingClientRect().top) / this.rowHeight);
+    if (i < 0 || i >= this.count) return;
+    this.active = i;
+    this.markActive();
+    this.act(i, event);
   }
 
   markActive() {

@@ -10,7 +10,8 @@ import { lowerBound } from './signals.js';
 
 export class Strip {
   constructor(app, root) {
-    Object.assign(this, app, { root });
+    const { state, panels, signals } = app;
+    Object.assign(this, { state, panels, signals, root });
     this.canvas = element('canvas', { 'aria-hidden': 'true' });
     this.window = element('div', {
       class: 'window', role: 'scrollbar', 'aria-controls': 'panels', 'aria-orientation': 'horizontal', 'aria-label': 'Part of the time line in sight',

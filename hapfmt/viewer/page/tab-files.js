@@ -9,8 +9,9 @@ const TEXT_SHOWN = 400;
 
 class Files {
   constructor(app) {
-    Object.assign(this, app);
-    this.element = element('div', { class: 'files', tabindex: '0' });
+    const { state } = app;
+    Object.assign(this, { state });
+    this.element = element('div', { class: 'files', tabindex: '0', role: 'region', 'aria-label': 'Facts of the files' });
   }
 
   update() {

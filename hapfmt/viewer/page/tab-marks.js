@@ -14,7 +14,8 @@ export const damageTab = { id: 'damage', title: 'Damage', create: (app) => new D
 
 class Marks {
   constructor(app, { kind, title, none }) {
-    Object.assign(this, app, { kind, name: title });
+    const { state } = app;
+    Object.assign(this, { app, state, kind, name: title });
     this.list = [];
     this.rows = new Rows({
       label: title, rowHeight: 22, empty: none,

@@ -9,7 +9,8 @@ export const valuesTab = { id: 'values', title: 'Values', create: (app) => new V
 
 class Values {
   constructor(app) {
-    Object.assign(this, app);
+    const { state, cursors, readings } = app;
+    Object.assign(this, { app, state, cursors, readings });
     this.heads = COLUMNS.map((text) => element('span', { role: 'columnheader' }, text));
     this.rows = new Rows({
       label: 'Values at the cursors', role: 'table', rowHeight: 22, empty: 'No channel is shown.',
