@@ -9,10 +9,16 @@ export function matches(lane, filter) {
   return filter.toLowerCase().split(/\s+/).every((word) => lane.text.includes(word));
 }
 
+// The lanes of a chart of one unit get their colours in their order, whichever of them are shown.
 export function chooseLanes(state) {
-  const matching = state.entries.flatMap((entry) => entry.lanes).filter((lane) => matches(lane, state.filter));
-  state.matching = matching;
-  state.lanes = matching.filter(({ shown }) => shown);
+  const lanes = state.entries.flatMap((entry) => entry.lanes);
+  const counts = new Map();
+  for (const lane of lanes) {
+    lane.color = counts.get(lane.unit) ?? 0;
+    counts.set(lane.unit, lane.color + 1);
+  }
+  state.matching = lanes.filter((lane) => matches(lane, state.filter));
+  state.lanes = state.matching.filter(({ shown }) => shown);
 }
 
 export class ChannelList {
@@ -45,7 +51,7 @@ export class ChannelList {
       if (many && this.items[this.items.length - 1]?.lane?.entry !== lane.entry) this.items.push({ entry: lane.entry });
       this.items.push({ lane });
     }
-    setText(this.count, `${state.lanes.length} of ${state.entries.reduce((sum, { lanes }) => sum + lanes.length, 0)} shown`);
+    setText(this.count, `${state.lanes.length} of ${state.entries.reduce((sum, { lanes }) => sum + lanes.length, 0)}`);
     this.rows.empty = state.entries.length ? 'No channel matches the filter.' : '';
     this.rows.setCount(this.items.length);
   }
@@ -62,7 +68,7 @@ export class ChannelList {
     row.classList.toggle('focus', lane.key === state.focus);
     const box = element('span', { class: 'box', 'aria-hidden': 'true' });
     const swatch = element('span', { class: dashOfChannel(lane.color).length ? 'swatch dashed' : 'swatch', 'aria-hidden': 'true' });
-    if (state.mode === 'overlaid') swatch.style.background = colorOfChannel(lane.color);
+    if (state.mode === 'overlaid') swatch.style.backgroundColor = colorOfChannel(lane.color);
     else swatch.hidden = true;
     row.append(box, swatch, element('bdi', { class: 'label' }, lane.name), element('span', { class: 'unit' }, lane.unit));
   }

@@ -124,11 +124,10 @@ export class Help {
     const named = (names) => names.flatMap((name, i) => [i ? ' ' : '', element('kbd', {}, NAMES[name] ?? name)]);
     const part = (title, list) => element('section', {}, element('h3', {}, title), element('dl', {}, ...rows(list)));
     this.dialog = element('dialog', { id: 'help', 'aria-labelledby': 'help-title' },
-      element('h2', { id: 'help-title' }, 'Keys and pointer'),
+      element('form', { method: 'dialog' }, element('h2', { id: 'help-title' }, 'Keys and pointer'), element('button', { autofocus: true }, 'Close')),
       element('div', { class: 'help-parts' },
         ...GROUPS.map(([title, keys]) => part(title, keys.map(([names, text]) => [named(names), text]))),
-        part('Pointer', POINTER.map(([name, text]) => [[name], text]))),
-      element('form', { method: 'dialog' }, element('button', { autofocus: true }, 'Close')));
+        part('Pointer', POINTER.map(([name, text]) => [[name], text]))));
     this.dialog.addEventListener('click', (event) => event.target === this.dialog && this.dialog.close());
     this.dialog.addEventListener('keydown', (event) => event.key === '?' && this.dialog.close());
     document.body.append(this.dialog);

@@ -1,7 +1,7 @@
 // The charts below one another. Only those in sight exist.
 import { element, setText } from './dom.js';
 import { Chart, GUTTER, RIGHT } from './chart.js';
-import { colorOfChannel, theme } from './theme.js';
+import { colorOfChannel, dashOfChannel } from './theme.js';
 
 const TITLE = 18; // px
 const LEAST = { stacked: 92, overlaid: 180 };
@@ -86,8 +86,8 @@ export class Panels {
     this.inner.append(holder);
     const panel = { group, element: holder, title, readings: new Map() };
     for (const lane of group.lanes.slice(0, 60)) {
-      const swatch = element('span', { class: 'swatch' });
-      swatch.style.background = this.state.mode === 'overlaid' ? colorOfChannel(lane.color) : theme.colors.sum;
+      const swatch = element('span', { class: dashOfChannel(lane.color).length ? 'swatch dashed' : 'swatch' });
+      swatch.style.backgroundColor = colorOfChannel(lane.color);
       const reading = element('output', { class: 'reading', for: 'panels' });
       title.append(element('span', {
         class: 'name',

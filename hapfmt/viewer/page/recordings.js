@@ -24,7 +24,7 @@ export function lanesOf(entry) {
       unit: unit === '1' ? '' : unit || '',
       rate: num / (den || 1) || channel.rate,
       text: [label || `channel ${channel.index}`, unit, group, device, quantity, axis, entry.name].filter(Boolean).join(' ').toLowerCase(),
-      color: channel.index,
+      color: 0,
       shown: true,
     };
   });
