@@ -537,6 +537,18 @@ def test_harmed_files_give_no_wrong_sample(
         check_or_refuse(viewer, path)
 
 
+def test_wrong_numbers_under_right_checksums(viewer: Viewer, folder: Path) -> None:
+    rng = random.Random(12)
+    sources = [VECTORS / name for (name,) in vectors("valid", "uncommon", "recoverable")]
+    path = folder / "mended.hapf"
+    for _ in range(examples(240)):
+        data = bytearray(rng.choice(sources).read_bytes()[: 1 << 14])
+        for _ in range(rng.choice([1, 1, 3])):
+            data[rng.randrange(len(data))] = rng.choice([0, 1, 127, 128, 255, rng.randrange(256)])
+        path.write_bytes(mend_file(bytes(data)))
+        check_or_refuse(viewer, path)
+
+
 def test_inputs_that_a_fuzzer_found(viewer: Viewer, folder: Path) -> None:
     path = folder / "found.hapf"
     places = [ROOT / "tests" / "corpus" / name for name in ("file", "recovered", "edited")]

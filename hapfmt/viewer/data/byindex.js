@@ -65,6 +65,7 @@ async function open(source) {
     if (type === 'DATA') file.clusters.push({ offset, stop, sequence, startMs, stopMs });
     else if (type === 'aTTc') file.attachments.push({ offset, stop, sequence });
   }
+  need(file.clusters.length === foot.dataCount && file.allTracks.size === foot.trackCount);
   return file;
 }
 
@@ -102,12 +103,12 @@ async function readChain(source, indexOffset, footChunk) {
 }
 
 async function readDescriptions(source, entries, file) {
-  const wanted = [];
-  for (const entry of entries) {
-    if (READ_AT_OPEN.has(entry.type)) wanted.push(entry);
-    else if (!LATER.has(entry.type)) {
-      if (isCritical(entry)) unsupported('CHK-009', `an unknown critical chunk ${entry.type}`, entry.offset);
-    }
+  const wanted = entries.filter(({ type }) => READ_AT_OPEN.has(type));
+  for (const { type, offset, sequence } of entries) {
+    if (READ_AT_OPEN.has(type) || LATER.has(type)) continue;
+    const header = readHeader(await source.read(offset, offset + HEADER_SIZE), 0);
+    need(header && header.type === type && header.fileId === file.fileId && header.sequence === sequence);
+    if (isCritical(header)) unsupported('CHK-009', `an unknown critical chunk ${type}`, offset);
   }
   const parts = await source.readAll(wanted.map(({ offset, stop }) => [offset, stop]));
   return wanted.map(({ type, offset, stop, sequence }, i) => {
