@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from browser import served
+from browser import exported, served
+from depth import deep
+from edited import PRESETS, made, packets_of, tracks_of
 from numpy.typing import NDArray
 from spec import ROOT
 
 import hapfmt
 
+EXAMPLES = sorted((ROOT / "conformance" / "examples").glob("*.hapf"))
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="needs node")
 
@@ -141,3 +148,202 @@ def test_the_tabs_of_spectrum_and_statistics(chromium: Any, recorded: Path) -> N
         page.focus(".plot canvas")
         page.keyboard.press("ArrowRight")
         assert "peak" not in lines.nth(0).inner_text()
+
+
+EVENTS = (
+    hapfmt.Event(Fraction(1, 2), "tap", Fraction(1, 4), channel=1, layer="touch"),
+    hapfmt.Event(Fraction(1), "slip ∆", channel=0, layer="touch"),
+    hapfmt.Event(Fraction(2), "pause", layer="notes"),
+)
+CLOCKS = (
+    hapfmt.ClockObservation("ptp", None, 10**9, 5 * 10**12, 40),
+    hapfmt.ClockObservation("adc", 1, 50, 5 * 10**12 + 7, 0),
+)
+MAPS = (hapfmt.ClockMap("adc", 0, ((0, 7 * 10**12), (1000, 9 * 10**12))),)
+
+SUBSET = """
+  const bytes = Uint8Array.from(atob(input.data), (letter) => letter.charCodeAt(0));
+  try {
+    const found = m.subsetOf(bytes, input.asked);
+    let text = '';
+    for (const byte of found.bytes) text += String.fromCharCode(byte);
+    return { ...found, bytes: btoa(text) };
+  } catch (error) {
+    if (error.name !== 'HapfError') throw error;
+    return { message: error.message };
+  }
+"""
+
+
+def subset(data: bytes, channels: list[int], *span: float) -> Any:
+    asked: dict[str, Any] = {"channels": channels, "name": "x"}
+    if span:
+        asked |= {"t0": span[0], "t1": span[1]}
+    given = {"data": base64.b64encode(data).decode(), "asked": asked}
+    return node("data/subset.js", SUBSET, given)
+
+
+def check_subset(data: bytes, channels: list[int], *span: float) -> None:
+    """It is intact, and what Python's editor writes for the same channels and times."""
+    found = base64.b64decode(subset(data, channels, *span)["bytes"])
+    report = hapfmt.verify(found)
+    assert report.verdict == "intact", report
+    stream = io.BytesIO()
+    hapfmt.edit.subset(data, stream, channels, *span)
+    wanted = stream.getvalue()
+    ours, theirs = hapfmt.read(found), hapfmt.read(wanted)
+    same_recordings(replace(ours, metadata={}), replace(theirs, metadata={}))
+    metadata = dict(theirs.metadata)
+    assert len(metadata.pop("notes")) == len(ours.metadata["notes"])
+    assert metadata == {name: one for name, one in ours.metadata.items() if name != "notes"}
+    packets = [(p.track, p.start, p.span, p.data) for p in packets_of(found)]
+    assert sorted(packets) == sorted((p.track, p.start, p.span, p.data) for p in packets_of(wanted))
+    assert tracks_of(found).keys() == tracks_of(wanted).keys()
+
+
+def same_recordings(ours: hapfmt.Recording, theirs: hapfmt.Recording) -> None:
+    assert len(ours) == len(theirs)
+    for a, b in zip(ours, theirs, strict=True):
+        assert a.coverage == b.coverage and a.rate_exact == b.rate_exact
+        assert (a.label, a.unit, a.calibration) == (b.label, b.unit, b.calibration)
+        assert a.to_numpy().tobytes() == b.to_numpy().tobytes()
+    for name in ("uuid", "epoch_ns", "events", "clocks", "clock_maps", "attachments"):
+        assert getattr(ours, name) == getattr(theirs, name), name
+
+
+@needs_node
+@pytest.mark.parametrize("name", [*deep([*PRESETS][:-2]), *[*PRESETS][-2:]])
+def test_a_subset_is_that_of_the_editor(name: str) -> None:
+    data = made(name, events=EVENTS, clocks=CLOCKS, clock_maps=MAPS)
+    check_subset(data, [1], 0.7, 1.9)
+    check_subset(data, [0, 2])
+    check_subset(data, [*range(len(hapfmt.read(data)))], 0.001, 0.002)
+
+
+@needs_node
+@pytest.mark.parametrize("path", deep(EXAMPLES), ids=lambda path: path.stem)
+def test_a_subset_of_each_example(path: Path) -> None:
+    data = path.read_bytes()
+    if hapfmt.verify(data).verdict != "intact":
+        assert "not intact" in subset(data, [0])["message"]
+        return
+    recording = hapfmt.read(data)
+    if recording.channels:
+        check_subset(data, [0])
+        check_subset(data, [len(recording) - 1], 0, float(recording.duration) / 2)
+
+
+@needs_node
+def test_no_subset_of_a_damaged_file() -> None:
+    data = bytearray(made("lossless"))
+    assert "message" in subset(bytes(data[:-40]), [0])
+    assert "none of these channels" in subset(bytes(data), [9])["message"]
+    data[len(data) // 2] ^= 1
+    assert "not intact" in subset(bytes(data), [0])["message"]
+    assert "message" in subset(b"nothing", [0])
+
+
+@needs_node
+def test_floats_are_those_of_python() -> None:
+    rng = np.random.default_rng(5)
+    bits = rng.integers(0, 1 << 64, 2000, dtype=np.uint64).view(np.float64)
+    x = [*bits[np.isfinite(bits)], 0.0, 1.0, -2.5, 1e16, 1e15, 123456789012345680.0, 1e-4, 9e-5]
+    x += [5e-324, 1e22, 0.1, 100.0, float("inf"), -float("inf"), *np.round(rng.normal(size=99), 4)]
+    given = [float(value) for value in x]
+    found = node("page/csv.js", "return input.map(m.floatText);", given)
+    assert found == [repr(value) for value in given]
+    assert node("page/csv.js", "return m.floatText(-0);", None) == "-0.0"
+
+
+TABLES = """
+  const recording = await open(input.path);
+  const tables = [];
+  const channels = recording.channels.filter(({ index }) => input.channels.includes(index));
+  for (const group of m.byRate(channels)) {
+    const { parts, rows, leftOut } = await m.tableOf(recording, group, input.span);
+    tables.push({ text: parts.join(''), channels: group.channels.map(({ index }) => index), rows, leftOut });
+  }
+  return tables;
+"""
+
+
+def check_tables(path: Path, channels: list[int], start: float, stop: float, count: int) -> None:
+    """They are the bytes that ``hapfmt decode`` writes."""
+    given = {"path": str(path), "channels": channels, "span": [start, stop]}
+    tables = node("page/csv.js", TABLES, given)
+    assert len(tables) == count
+    for table in tables:
+        out = path.with_name("out.csv")
+        recording = hapfmt.read(path).sel(table["channels"], start, stop)
+        hapfmt.save(recording, out, force=True)
+        assert table["text"] == out.read_text("utf-8")
+
+
+@needs_node
+@pytest.mark.parametrize("name", ["lossless doubles", *deep(["paper", "perceptual"])])
+def test_tables_are_those_of_decode(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "touch.hapf"
+    path.write_bytes(made(name))
+    count = 2 if name == "lossless doubles" else 1
+    doubles = [n for n, one in enumerate(hapfmt.read(path)) if one.label != "words"]
+    check_tables(path, doubles, 0, 4, count)
+    check_tables(path, [1], 0.7, 1.9, 1)
+
+
+@needs_node
+def test_no_table_rounds(tmp_path: Path) -> None:
+    path = tmp_path / "words.hapf"
+    channel = hapfmt.Channel(np.array([3, 2**60 + 1], np.int64), Fraction(10), label="steps")
+    hapfmt.write(hapfmt.Recording((channel,)), path)
+    code = f"""
+      const table = (...args) => m.tableOf(...args).catch((error) => ({{ parts: [error.message] }}));
+      {TABLES.replace("m.tableOf", "table")}
+    """
+    given = {"path": str(path), "channels": [0], "span": [0, 1]}
+    assert "would round" in node("page/csv.js", code, given)[0]["text"]
+
+
+@needs_node
+def test_a_table_of_a_long_gap(tmp_path: Path) -> None:
+    path = tmp_path / "gap.hapf"
+    spans = (hapfmt.Span(7, 17), hapfmt.Span(2_000_000, 2_000_010))
+    values = np.arange(20, dtype=np.int32)
+    channel = hapfmt.Channel(values, Fraction(30000, 1001), spans, label='a "b"', unit="mm")
+    hapfmt.write(hapfmt.Recording((channel,)), path)
+    check_tables(path, [0], 0, 1e6, 1)
+    check_tables(path, [0], 0.4, 20000.0, 1)
+
+
+@pytest.mark.deep
+def test_saving(chromium: Any, recorded: Path, tmp_path: Path) -> None:
+    """From a page with the data inside: offline."""
+    with exported(chromium, [recorded], tmp_path / "page.html", offline=True) as seen:
+        page = seen.page
+        page.evaluate("() => { location.hash = 'sel=1,3.5&ch=0,2&tab=save'; }")
+        page.locator(".save p", has_text="2 channels").wait_for()
+        saved = {}
+        for name in ("picture", "table", "part"):
+            with page.expect_download() as found:
+                page.get_by_role("button", name=f"Save {name}").click()
+            saved[name] = tmp_path / found.value.suggested_filename
+            found.value.save_as(saved[name])
+    assert saved["picture"].read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+    out = tmp_path / "wanted.csv"
+    hapfmt.save(hapfmt.read(recorded).sel([0, 2], 1, 3.5), out)
+    assert saved["table"].read_bytes() == out.read_bytes()
+    part = hapfmt.read(saved["part"])
+    assert hapfmt.verify(saved["part"]).verdict == "intact"
+    assert [channel.label for channel in part] == ["thumb", "palm"]
+
+
+@pytest.mark.deep
+def test_what_cannot_be_saved_is_said(chromium: Any, tmp_path: Path) -> None:
+    path = tmp_path / "it's broken.hapf"
+    data = bytearray(made("lossless"))
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with served(chromium, [path], "#tab=save") as seen:
+        page = seen.page
+        page.get_by_role("button", name="Save part").click()
+        said = page.locator(".save [role=status]", has_text="Not saved")
+        assert "hapfmt subset 'it'\\''s broken.hapf'" in said.inner_text()

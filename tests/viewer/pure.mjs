@@ -1,6 +1,8 @@
-// Calls one exported function of a module of the page: { module, code, input } on stdin. `code` gets the module and the
-// input; arrays of numbers that JSON cannot hold come as texts.
+// Runs code with a module of the viewer: { module, code, input } on stdin. `code` gets the module as m, the input, and
+// open(path), which gives a recording. Numbers that JSON cannot hold come as texts.
 import { readFileSync } from 'node:fs';
+import { openRecording } from '../../hapfmt/viewer/data/client.js';
+import { Thread } from '../../hapfmt/viewer/data/thread.js';
 
 const special = { NaN, Infinity, '-Infinity': -Infinity };
 const revive = (_, value) => (typeof value === 'string' && value in special ? special[value] : value);
@@ -13,5 +15,6 @@ const replace = (_, value) => {
 
 const { module, code, input } = JSON.parse(readFileSync(0, 'utf8'), revive);
 const loaded = await import(`../../hapfmt/viewer/${module}`);
-const run = new Function('m', 'input', `return (async () => { ${code} })()`);
-process.stdout.write(JSON.stringify({ value: await run(loaded, input) ?? null }, replace));
+const open = (path) => openRecording({ name: path, bytes: new Uint8Array(readFileSync(path)) }, { worker: () => new Thread() });
+const run = new Function('m', 'input', 'open', `return (async () => { ${code} })()`);
+process.stdout.write(JSON.stringify({ value: await run(loaded, input, open) ?? null }, replace));

@@ -148,6 +148,12 @@ class Recording {
     return this.link.call('bytes', [start, stop], options);
   }
 
+  // The packets of channels that overlap [t0, t1), as a file: { bytes, packets, start, stop, channels, notes }. Without times: all.
+  // asked: { channels: [index], t0, t1, name }
+  subset(asked, options) {
+    return this.link.call('subset', [asked], options);
+  }
+
   stats(options) {
     return this.link.call('stats', [], options);
   }

@@ -39,6 +39,7 @@ function describeChannel(channel, extents) {
     index, label: of(track.labels), unit: track.units[component] ?? '1', quantity: of(track.quantities), axis: of(track.axes),
     group: of(track.groups), bodySite: of(track.bodySites), device: of(track.devices), rate: rateNum / rateDen,
     rateText: rateDen === 1 ? String(rateNum) : `${rateNum}/${rateDen}`, rateNum, rateDen, firstTick, stopTick,
+    numberFormat: track.numberFormat,
     bands: hasBands(channel) ? ['sum', 'lf', 'hf'] : ['sum'], codecs, deadband: deadbandOf(channel),
     hasKnots: parts.some(({ base }) => base.codec === 'KNOT'), unsupported: track.unsupported, track,
   };

@@ -2,7 +2,7 @@
 import { checkFile } from './check.js';
 import { Session } from './session.js';
 
-const METHODS = new Set(['samples', 'envelope', 'events', 'damage', 'learn', 'knots', 'bytes', 'stats']);
+const METHODS = new Set(['samples', 'envelope', 'events', 'damage', 'learn', 'knots', 'bytes', 'subset', 'stats']);
 const TELL_MS = 120; // between two messages of a kind
 
 const errorOf = ({ name, message, requirement = null, offset = null, kind = 'internal' }) => ({ name, message, requirement, offset, kind });

@@ -44,7 +44,7 @@ function emptyTrack(id, kind, componentCount, [rateNum, rateDen], channel, base,
 }
 
 // The payloads of TRAK for tracks in this order: { track, payload, ids }.
-function payloadsOf(list, bound) {
+export function payloadsOf(list, bound) {
   const out = [];
   let last = null;
   for (const { id, componentCount, record } of list) {

@@ -75,7 +75,7 @@ function headPayload(file) {
 }
 
 // The packets of one cluster, in as many chunks as the limits of the level call for.
-function* clustersOf(packets, file) {
+export function* clustersOf(packets, file) {
   const { payloadBound, packetBound, sampleBound } = file.limits;
   const sorted = [...packets].sort((a, b) => a.track - b.track || a.start - b.start);
   let group = [];
@@ -97,7 +97,7 @@ function* clustersOf(packets, file) {
   if (group.length) yield group;
 }
 
-function timesOf(packets, file) {
+export function timesOf(packets, file) {
   let times = null;
   for (const packet of packets) {
     const [start, stop] = packetMs(packet, file.allTracks.get(packet.track));

@@ -20,6 +20,7 @@ import { Store } from './store.js';
 import { Strip } from './strip.js';
 import { damageTab, eventsTab, checkedText } from './tab-marks.js';
 import { filesTab } from './tab-files.js';
+import { saveTab } from './tab-save.js';
 import { spectrumTab } from './tab-spectrum.js';
 import { statisticsTab } from './tab-statistics.js';
 import { valuesTab } from './tab-values.js';
@@ -28,7 +29,7 @@ import { TimeAxis } from './times.js';
 import { hideTip, showTip } from './tip.js';
 import { moveInto, setView, showAll, zoom } from './view.js';
 
-const TABS = [valuesTab, eventsTab, damageTab, filesTab, spectrumTab, statisticsTab];
+const TABS = [valuesTab, eventsTab, damageTab, filesTab, spectrumTab, statisticsTab, saveTab];
 
 const DEFAULTS = {
   mode: 'stacked', bands: ['sum'], fit: 'view', theme: 'auto', align: 'epoch', deadband: false, knots: false,
@@ -284,7 +285,7 @@ window.hapf = {
     return { t0: state.t0, t1: state.t1 };
   },
   get idle() {
-    return !app.signals.busy && !state.pending;
+    return !app.signals.busy && !state.pending && state.entries.every(({ checked }) => checked !== 'checking');
   },
   stats: () => Promise.all(state.entries.map(({ recording }) => recording.stats())),
   ready: start(),

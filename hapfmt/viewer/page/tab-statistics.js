@@ -78,6 +78,7 @@ class Statistics {
   }
 
   render(lane, row) {
+    if (!lane) return; // the list is shorter since the last update
     const { result, share, message } = this.found.get(lane.key) ?? {};
     row.classList.toggle('focus', lane.key === this.state.focus);
     row.dataset.lane = lane.key;

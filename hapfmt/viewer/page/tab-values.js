@@ -29,6 +29,7 @@ class Values {
   }
 
   render(lane, row) {
+    if (!lane) return; // the list is shorter since the last update
     const { state, readings } = this;
     const found = [state.hover, state.a, state.b].map((time) => (time === null ? null : readings.at(lane, time)));
     const cell = (reading) => {
