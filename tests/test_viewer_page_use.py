@@ -428,8 +428,7 @@ def test_events_and_damage(chromium: Any, touch: Path) -> None:
         assert "DAT-004" in page.locator(".flag.damage").first.get_attribute("aria-label")
         page.get_by_role("button", name="Check whole files").click()
         settle(page)
-        page.wait_for_timeout(300)
-        assert page.locator(".said").inner_text().startswith(f"{damaged.name}: damaged, ")
+        assert page.locator(".damage .said").inner_text().startswith(f"{damaged.name}: damaged, ")
 
 
 @pytest.mark.parametrize(

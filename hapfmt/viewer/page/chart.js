@@ -12,6 +12,7 @@ export const RIGHT = 12;
 
 const FONT = '11px system-ui, sans-serif';
 const EVENTS_DRAWN = 2000; // in one chart
+const KNOT_SPACE = 3; // px between knots, on average
 const POINT_SPACE = 5; // px between samples that are drawn as points
 
 const unitScale = { time: false, auto: false, range: () => [0, 1] };
@@ -32,6 +33,8 @@ export class Chart {
   constructor(state, signals, group, parent) {
     Object.assign(this, { state, signals, group });
     this.range = [0, 1];
+    this.ranged = false;
+    this.yLabels = [];
     const grid = { stroke: () => theme.colors.grid, width: 1 };
     const series = this.layers().map((layer) => this.series(layer));
     this.plot = new uPlot({
@@ -48,7 +51,7 @@ export class Chart {
         {
           size: GUTTER - 20, labelSize: 20, labelGap: 2, font: FONT, labelFont: FONT, label: group.unit || ' ', gap: 4,
           stroke: () => theme.colors.muted, ticks: { ...grid, size: 4 }, grid,
-          splits: () => this.ySplits(), values: () => this.yLabels,
+          splits: () => this.ySplits(), values: (_, splits) => this.yLabels.slice(0, splits.length),
         },
       ],
       hooks: { drawAxes: [() => this.drawUnder()], draw: [() => this.drawOver()] },
@@ -78,10 +81,9 @@ export class Chart {
       scale: 'y',
       auto: false,
       width: band === 'lf' && this.many ? 2 : 1.2,
-      dash: this.many ? dashOfChannel(lane.color) : [],
       stroke: () => this.colorOf(layer) + (faded() ? '30' : ''),
       fill: () => this.colorOf(layer) + (faded() ? '10' : this.many ? '70' : 'b0'),
-      paths: () => this.path(layer),
+      paths: (plot, i) => this.path(layer, plot.series[i]),
       points: { show: () => this.drawPoints(layer, faded()) },
     };
     return made;
@@ -114,6 +116,7 @@ export class Chart {
       const edges = range && band === 'sum' && state.deadband && edgesOfResult(lane.channel, result);
       if (edges) [low, high] = [Math.min(low, edges.around(low)[0]), Math.max(high, edges.around(high)[1])];
     }
+    this.ranged ||= low <= high;
     return low <= high ? padded([low, high]) : this.range;
   }
 
@@ -129,15 +132,18 @@ export class Chart {
   }
 
   ySplits() {
+    if (!this.ranged) return []; // nothing has come yet
     const [low, high] = this.range;
     const { step, values } = ticksBetween(low, high, Math.max(2, Math.floor(this.plot.height / (this.plot.height > 120 ? 32 : 17))));
     this.yLabels = axisLabels(values, step);
     return values.map((value) => (value - low) / (high - low));
   }
 
-  path({ lane, band }) {
+  path({ lane, band }, series) {
     const result = this.signals.get(lane, band);
     if (!result) return null;
+    // Dashes of an envelope would take longer than all else.
+    series.dash = this.many && result.kind === 'samples' ? dashOfChannel(lane.color) : [];
     const { offset } = lane.entry;
     const { time, min, max, kind } = result;
     const box = this.box();
@@ -246,6 +252,7 @@ export class Chart {
     const { ctx } = this.plot;
     const { state, signals } = this;
     const box = this.box();
+    this.crowded = false; // knots too close to one another to be drawn
     ctx.save();
     this.clip(box);
     if (state.knots) {
@@ -253,7 +260,10 @@ export class Chart {
         const knots = signals.get(lane, 'knots');
         if (!knots?.value?.length) continue;
         const [from, to] = inSight(knots.time, state.t0 - lane.entry.offset, state.t1 - lane.entry.offset);
-        if (to - from > box.width / devicePixelRatio / 3) continue;
+        if (to - from > box.width / devicePixelRatio / KNOT_SPACE) {
+          this.crowded = true;
+          continue;
+        }
         const path = squaresPath(knots.time, knots.value, box, lane.entry.offset, 6 * devicePixelRatio);
         ctx.fillStyle = theme.colors.ground;
         ctx.fill(path);

@@ -285,7 +285,7 @@ window.hapf = {
     return { t0: state.t0, t1: state.t1 };
   },
   get idle() {
-    return !app.signals.busy && !state.pending;
+    return !app.signals.busy && !state.pending && state.entries.every(({ checked }) => checked !== 'checking');
   },
   stats: () => Promise.all(state.entries.map(({ recording }) => recording.stats())),
   ready: start(),

@@ -77,6 +77,7 @@ export class Panels {
       panel.element.classList.toggle('focus', group.lanes.some(({ key }) => key === this.state.focus));
       panel.chart.resize(width, rowHeight - TITLE);
       panel.chart.draw();
+      setText(panel.note, this.noteOf(group, panel.chart));
     });
   }
 
@@ -98,9 +99,26 @@ export class Panels {
       }, this.state.mode === 'overlaid' ? swatch : '', element('bdi', {}, this.fileOf(lane) + lane.name), reading));
       panel.readings.set(lane.key, reading);
     }
+    panel.note = element('span', { class: 'note' });
+    title.append(panel.note);
     panel.chart = new Chart(this.state, this.signals, group, holder);
     this.open.set(group.key, panel);
     return panel;
+  }
+
+  // Why something of a chart is not drawn, or not yet.
+  noteOf({ lanes }, chart) {
+    const { state, signals } = this;
+    for (const lane of lanes) {
+      const found = state.bands.map((band) => signals.get(lane, band)).filter(Boolean);
+      const failed = found.find(({ kind }) => kind === 'failed');
+      const which = lanes.length > 1 ? `${lane.name}: ` : '';
+      if (lane.channel.unsupported) return `${which}this viewer cannot decode it (${lane.channel.unsupported})`;
+      if (failed) return `${which}it cannot be read (${failed.message})`;
+      if (found.some(({ complete }) => complete === false)) return 'Reading …';
+      if (chart.crowded || (state.knots && signals.get(lane, 'knots')?.kind === 'none')) return 'Zoom in to see the knots.';
+    }
+    return '';
   }
 
   fileOf(lane) {
