@@ -81,6 +81,31 @@ def test_the_spectrum_has_no_segment_with_a_gap() -> None:
     np.testing.assert_allclose(found["density"], np.average(parts, 0, counts), rtol=1e-9)
 
 
+@needs_node
+def test_the_spectrogram_is_that_of_scipy() -> None:
+    signal = pytest.importorskip("scipy.signal", reason="scipy is not installed")
+    x = noisy(64 + 9 * 32)
+    code = """
+      const grid = new m.Spectrogram(64, 500, input.length, 10);
+      grid.push(Float64Array.from(input));
+      return Array.from({ length: 10 }, (_, c) => Array.from({ length: 33 }, (_, k) => grid.level(c, k)));
+    """
+    found = np.array(node("page/spectrogram.js", code, x))
+    _, _, density = signal.spectrogram(x, 500, "hann", 64, 32)
+    np.testing.assert_allclose(found, 10 * np.log10(density.T), atol=1e-5)
+    x[150:] = np.nan
+    found = np.array(node("page/spectrogram.js", code, x), dtype=float)
+    assert np.isnan(found[3:]).all() and np.isfinite(found[:3]).all()
+
+
+@needs_node
+def test_colours_get_lighter() -> None:
+    code = "return Array.from({ length: 201 }, (_, i) => m.colorAt(i / 200));"
+    colors = np.array(node("page/spectrogram.js", code, None)) / 255
+    luminance = (colors**2.2) @ [0.2126, 0.7152, 0.0722]
+    assert (np.diff(luminance) >= 0).all() and luminance[-1] - luminance[0] > 0.8
+
+
 SUMMARY = """
   const summary = new m.Summary();
   for (let at = 0; at < input.length; at += 7001) summary.push(Float64Array.from(input.slice(at, at + 7001)));

@@ -49,7 +49,7 @@ await step('the same, complete', async () => {
   for (;;) {
     const found = await whole();
     if (Object.values(found).every(({ complete }) => complete)) break;
-    await new Promise((resolve) => { setTimeout(resolve, 20); });
+    await new Promise((resolve) => { setTimeout(resolve, 120); });
   }
 });
 const memory = process.memoryUsage();

@@ -27,6 +27,7 @@ export class Pictures {
     this.working = false;
     this.closed = false;
     this.clock = 0;
+    this.last = null; // clusters of some times
   }
 
   close() {
@@ -174,8 +175,14 @@ export class Pictures {
     return this.result(view, { from, width, min, max, spans, counted: false, complete: level.size <= 2 * view.width });
   }
 
+  // Channels of one picture mostly want the same.
   clustersFor({ track }, first, stop) {
-    return this.packets.clustersBetween(1000 * secondsAt(track, first), 1000 * secondsAt(track, stop));
+    const [startMs, stopMs] = [1000 * secondsAt(track, first), 1000 * secondsAt(track, stop)];
+    const { last } = this;
+    if (last?.startMs !== startMs || last.stopMs !== stopMs) {
+      this.last = { startMs, stopMs, numbers: this.packets.clustersBetween(startMs, stopMs) };
+    }
+    return this.last.numbers;
   }
 
   missingIn({ channel, first, stop }, pyramid) {
@@ -336,12 +343,16 @@ function stretches(packets) {
 
 // Spans with the times of clusters that were not read yet.
 function withPending(spans, numbers, clusters, track) {
-  const all = spans.map(([start, stop]) => [start, stop]);
+  const pending = []; // in milliseconds
   for (const n of numbers) {
     const { startMs, stopMs } = clusters[n];
-    const tick = (ms) => (ms * track.rateNum) / track.rateDen / 1000;
-    all.push([Math.floor(tick(startMs)), Math.ceil(tick(stopMs))]);
+    const last = pending[pending.length - 1];
+    if (last && startMs <= last[1]) last[1] = Math.max(last[1], stopMs);
+    else pending.push([startMs, stopMs]);
   }
+  const tick = (ms) => (ms * track.rateNum) / track.rateDen / 1000;
+  const all = spans.map(([start, stop]) => [start, stop]);
+  for (const [startMs, stopMs] of pending) all.push([Math.floor(tick(startMs)), Math.ceil(tick(stopMs))]);
   all.sort((a, b) => a[0] - b[0]);
   const merged = [];
   for (const [start, stop] of all) {

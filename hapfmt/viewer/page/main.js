@@ -21,6 +21,7 @@ import { Strip } from './strip.js';
 import { damageTab, eventsTab, checkedText } from './tab-marks.js';
 import { filesTab } from './tab-files.js';
 import { saveTab } from './tab-save.js';
+import { spectrogramTab } from './tab-spectrogram.js';
 import { spectrumTab } from './tab-spectrum.js';
 import { statisticsTab } from './tab-statistics.js';
 import { valuesTab } from './tab-values.js';
@@ -29,7 +30,7 @@ import { TimeAxis } from './times.js';
 import { hideTip, showTip } from './tip.js';
 import { moveInto, setView, showAll, zoom } from './view.js';
 
-const TABS = [valuesTab, eventsTab, damageTab, filesTab, spectrumTab, statisticsTab, saveTab];
+const TABS = [valuesTab, eventsTab, damageTab, filesTab, spectrumTab, spectrogramTab, statisticsTab, saveTab];
 
 const DEFAULTS = {
   mode: 'stacked', bands: ['sum'], fit: 'view', theme: 'auto', align: 'epoch', deadband: false, knots: false,

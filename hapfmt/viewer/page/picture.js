@@ -50,7 +50,7 @@ export function pictureOf(app) {
       const x = EDGE + box.left - area.left;
       const swatch = name.querySelector('.swatch');
       if (swatch) {
-        context.fillStyle = swatch.style.background;
+        context.fillStyle = getComputedStyle(swatch).backgroundColor;
         context.fillRect(x, y + 8, 12, 3);
       }
       write(name.querySelector('bdi').textContent, x + (swatch ? 17 : 0), y + 3);

@@ -23,7 +23,8 @@ const quoted = (text) => (/^[\w.,:/+-]+$/.test(text) ? text : `'${text.replaceAl
 
 class Save {
   constructor(app) {
-    Object.assign(this, app);
+    const { state, readings } = app;
+    Object.assign(this, { app, state, readings });
     const button = (text, run) => element('button', { type: 'button', onclick: () => this.run(run) }, text);
     this.buttons = [
       button('Save picture (.png)', () => this.savePicture()),

@@ -28,7 +28,8 @@ export const tooShort = (length) => (length ? `No ${length} samples without a ga
 
 class Spectrum {
   constructor(app) {
-    Object.assign(this, app);
+    const { state, readings } = app;
+    Object.assign(this, { app, state, readings });
     this.found = new Map(); // lane key -> { lane, result or message }
     this.choice = lengthChoice(() => this.update());
     this.said = element('span', { class: 'said', role: 'status' });
@@ -60,7 +61,7 @@ class Spectrum {
     this.draw();
     for (const [i, lane] of lanes.entries()) {
       this.explain(`Computing, ${i} of ${plural(lanes.length, 'channel')}.`);
-      this.found.set(lane.key, { lane, ...await this.computeOne(signal, lane) });
+      this.found.set(lane.key, { lane, color: i, ...await this.computeOne(signal, lane) });
       this.draw();
     }
     this.explain(lanes.length ? 'Hann windows that overlap by half, without missing samples.' : 'No channel is shown.');
@@ -115,11 +116,11 @@ class Spectrum {
   }
 
   paint(context, toX, toY) {
-    for (const { lane, frequency, amplitude } of this.found.values()) {
+    for (const { lane, color, frequency, amplitude } of this.found.values()) {
       if (!amplitude) continue;
-      context.strokeStyle = colorOfChannel(lane.color);
+      context.strokeStyle = colorOfChannel(color);
       context.lineWidth = lane.key === this.state.focus ? 2.4 : 1.3;
-      context.setLineDash(dashOfChannel(lane.color));
+      context.setLineDash(dashOfChannel(color));
       context.beginPath();
       for (let k = 1; k < frequency.length; k++) {
         const y = amplitude[k] > 0 ? toY(amplitude[k]) : 1e5;
@@ -133,14 +134,14 @@ class Spectrum {
 
   showLegend(axes) {
     const mark = axes && this.plot.share !== null ? valueAt(axes.x, this.plot.share) : null;
-    this.legend.replaceChildren(...[...this.found.values()].map(({ lane, message, frequency, amplitude, peak }) => {
+    this.legend.replaceChildren(...[...this.found.values()].map(({ lane, color, message, frequency, amplitude, peak }) => {
       let text = message;
       if (amplitude) {
         const k = mark === null ? peak : Math.max(1, Math.min(amplitude.length - 1, Math.round(mark / frequency[1])));
         text = `${mark === null ? 'peak ' : ''}${formatValue(Number(amplitude[k].toPrecision(4)))} ${lane.unit || '1'}/√Hz at ${formatValue(Number(frequency[k].toPrecision(5)))} Hz`;
       }
-      const swatch = element('span', { class: dashOfChannel(lane.color).length ? 'swatch dashed' : 'swatch', 'aria-hidden': 'true' });
-      swatch.style.background = colorOfChannel(lane.color);
+      const swatch = element('span', { class: dashOfChannel(color).length ? 'swatch dashed' : 'swatch', 'aria-hidden': 'true' });
+      swatch.style.backgroundColor = colorOfChannel(color);
       return element('p', { dataset: { lane: lane.key } }, swatch, element('bdi', {}, namedLane(this.app, lane)), element('span', { class: 'said' }, text));
     }));
   }

@@ -13,7 +13,8 @@ export const statisticsTab = { id: 'statistics', title: 'Statistics', create: (a
 
 class Statistics {
   constructor(app) {
-    Object.assign(this, app);
+    const { state, readings } = app;
+    Object.assign(this, { app, state, readings });
     this.found = new Map(); // lane key -> { result, share } or { message }
     this.said = element('span', { class: 'said', role: 'status' });
     this.cancel = element('button', { type: 'button', onclick: () => this.stop() }, 'Stop');
