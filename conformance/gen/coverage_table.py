@@ -26,6 +26,7 @@ SHOWN = 3
 
 NO_EDITOR = "an editor: the verbs of an adapter make no file of parts of others"
 NO_APPEND = "a writer that appends: the verbs of an adapter append to no file"
+NO_VIEWER = "a viewer: the verbs of an adapter neither write nor show an overview"
 NO_PLAYER = "a player: shows on a device and in time; the verbs of an adapter play nothing"
 REASONS = {
     "ATT-002": "a reader that stores attachments: the verbs of an adapter store none",
@@ -33,6 +34,7 @@ REASONS = {
     "WRT-001": "review: shows only in what a kill leaves; run.py cuts what encoders wrote",
     **{f"WRT-00{n}": NO_APPEND for n in (6, 7)},
     **{f"EDT-00{n}": NO_EDITOR for n in range(1, 10)},
+    **{f"OVW-00{n}": NO_VIEWER for n in range(1, 10)},
     **{f"PLY-{n:03}": NO_PLAYER for n in range(1, 14)},
 }
 """Why no vector and no component can show it."""
