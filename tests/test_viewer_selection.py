@@ -165,7 +165,7 @@ def test_the_tabs_of_spectrum_and_statistics(chromium: Any, recorded: Path) -> N
         assert found["count"] == 7500 and found["missing"] == 500
         assert found["mean"] == pytest.approx(np.nanmean(x)) and found["min"] == np.nanmin(x)
         page.click("#tab-spectrum")
-        page.locator(".spectrum [role=status]", has_text="Hann").wait_for()
+        page.locator(".spectrum [role=status]", has_text="overlap").wait_for()
         assert "at 180" not in page.inner_text(".legend")
         lines = page.locator(".legend p")
         assert lines.count() == 3 and "peak" in lines.nth(0).inner_text()
