@@ -13,6 +13,7 @@ export const RIGHT = 12;
 const FONT = '11px system-ui, sans-serif';
 const EVENTS_DRAWN = 2000; // in one chart
 const KNOT_SPACE = 3; // px between knots, on average
+const LINE = 1.2; // px
 const POINT_SPACE = 5; // px between samples that are drawn as points
 
 const unitScale = { time: false, auto: false, range: () => [0, 1] };
@@ -80,9 +81,9 @@ export class Chart {
     const made = {
       scale: 'y',
       auto: false,
-      width: band === 'lf' && this.many ? 2 : 1.2,
+      width: band === 'lf' && this.many ? 2 : LINE,
       stroke: () => this.colorOf(layer) + (faded() ? '30' : ''),
-      fill: () => this.colorOf(layer) + (faded() ? '10' : this.many ? '70' : 'b0'),
+      fill: () => this.colorOf(layer) + (faded() ? '10' : this.many ? 'b0' : 'e0'),
       paths: (plot, i) => this.path(layer, plot.series[i]),
       points: { show: () => this.drawPoints(layer, faded()) },
     };
@@ -142,7 +143,6 @@ export class Chart {
   path({ lane, band }, series) {
     const result = this.signals.get(lane, band);
     if (!result) return null;
-    // Dashes of an envelope would take longer than all else.
     series.dash = this.many && result.kind === 'samples' ? dashOfChannel(lane.color) : [];
     const { offset } = lane.entry;
     const { time, min, max, kind } = result;
@@ -151,10 +151,10 @@ export class Chart {
     const whole = this.signals.getWhole(lane, band);
     if (whole && whole !== result) paths.fill = this.edges(whole, result, box, offset);
     if (kind === 'samples') return { ...paths, stroke: linePath(time, min, box, offset) };
-    const stroke = bandPath(time, min, max, box, offset);
-    if (!paths.fill) return { ...paths, stroke, fill: stroke };
-    paths.fill.addPath(stroke);
-    return { ...paths, stroke };
+    // Filled only: to stroke thousands of steep edges takes longer than all else.
+    const fill = bandPath(time, min, max, box, offset, LINE * devicePixelRatio);
+    if (paths.fill) fill.addPath(paths.fill);
+    return { ...paths, fill };
   }
 
   // The coarse picture of what a fine one does not reach yet.
@@ -167,7 +167,7 @@ export class Chart {
     for (const [t0, t1] of [[box.t0, Math.min(first, box.t1)], [Math.max(last, box.t0), box.t1]]) {
       if (!(t0 < t1)) continue;
       const part = { ...box, t0, t1, left: x(t0), width: x(t1) - x(t0) };
-      if (part.width > 2) path.addPath(bandPath(whole.time, whole.min, whole.max, part, offset));
+      if (part.width > 2) path.addPath(bandPath(whole.time, whole.min, whole.max, part, offset, LINE * devicePixelRatio));
     }
     return path;
   }

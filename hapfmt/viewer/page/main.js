@@ -144,13 +144,13 @@ function draw() {
   const began = performance.now();
   app.panels.draw();
   app.axis.draw();
-  const lane = app.strip.lane();
-  if (lane) app.signals.refreshWhole(lane, app.panels.plotWidth);
   app.strip.draw();
   app.flags.draw();
   app.cursors.draw();
   app.dock.update();
   app.signals.refresh();
+  const lane = app.strip.lane();
+  if (lane && app.signals.complete) app.signals.refreshWhole(lane, app.panels.plotWidth);
   frames.push(performance.now() - began);
   if (frames.length > 1000) frames.shift();
 }

@@ -37,9 +37,10 @@ export function linePath(time, values, box, offset) {
   return path;
 }
 
-// An area between two lines, one part for each run without missing values.
-export function bandPath(time, lower, upper, box, offset) {
+// An area between two lines, one part for each run without missing values; `thick` pixels more than it spans.
+export function bandPath(time, lower, upper, box, offset, thick = 0) {
   const { x, y } = mapping(box);
+  const [above, below] = [-thick / 2, thick / 2];
   const path = new Path2D();
   const [from, to] = inSight(time, box.t0 - offset, box.t1 - offset);
   for (let i = from; i < to;) {
@@ -51,11 +52,11 @@ export function bandPath(time, lower, upper, box, offset) {
     while (stop < to && lower[stop] === lower[stop]) stop++;
     for (let j = i; j < stop; j++) {
       const px = x(time[j] + offset);
-      if (j === i) path.moveTo(stop === i + 1 ? px - 0.5 : px, y(upper[j]));
-      else path.lineTo(px, y(upper[j]));
+      if (j === i) path.moveTo(stop === i + 1 ? px - 0.5 : px, y(upper[j]) + above);
+      else path.lineTo(px, y(upper[j]) + above);
     }
-    if (stop === i + 1) path.lineTo(x(time[i] + offset) + 0.5, y(upper[i]));
-    for (let j = stop - 1; j >= i; j--) path.lineTo(x(time[j] + offset), y(lower[j]));
+    if (stop === i + 1) path.lineTo(x(time[i] + offset) + 0.5, y(upper[i]) + above);
+    for (let j = stop - 1; j >= i; j--) path.lineTo(x(time[j] + offset), y(lower[j]) + below);
     path.closePath();
     i = stop;
   }

@@ -1,18 +1,19 @@
 // The charts below one another. Only those in sight exist.
 import { element, setText } from './dom.js';
 import { Chart, GUTTER, RIGHT } from './chart.js';
-import { colorOfChannel, dashOfChannel } from './theme.js';
+import { DISTINCT, colorOfChannel, dashOfChannel } from './theme.js';
 
 const TITLE = 18; // px
 const LEAST = { stacked: 92, overlaid: 180 };
 
-// One group a panel: stacked, each lane; overlaid, the lanes of a unit.
+// One group a panel: stacked, each lane; overlaid, the lanes of a unit, as many as colours and dashes tell apart.
 export function groupsOf(lanes, mode) {
   if (mode === 'stacked') return lanes.map((lane) => ({ key: lane.key, unit: lane.unit, lanes: [lane] }));
   const groups = new Map();
   for (const lane of lanes) {
-    if (!groups.has(lane.unit)) groups.set(lane.unit, { key: `unit ${lane.unit}`, unit: lane.unit, lanes: [] });
-    groups.get(lane.unit).lanes.push(lane);
+    const key = `${Math.floor(lane.color / DISTINCT)} ${lane.unit}`;
+    if (!groups.has(key)) groups.set(key, { key: `unit ${key}`, unit: lane.unit, lanes: [] });
+    groups.get(key).lanes.push(lane);
   }
   return [...groups.values()];
 }
@@ -86,7 +87,7 @@ export class Panels {
     const holder = element('div', { class: 'panel', role: 'group', 'aria-label': group.lanes.map(({ name }) => name).join(', ') }, title);
     this.inner.append(holder);
     const panel = { group, element: holder, title, readings: new Map() };
-    for (const lane of group.lanes.slice(0, 60)) {
+    for (const lane of group.lanes) {
       const swatch = element('span', { class: dashOfChannel(lane.color).length ? 'swatch dashed' : 'swatch' });
       swatch.style.backgroundColor = colorOfChannel(lane.color);
       const reading = element('output', { class: 'reading', for: 'panels' });

@@ -36,7 +36,7 @@ export function explain(error, name, size) {
   const rule = error.requirement ? ` (${error.requirement}${place})` : '';
   if (size === 0) return `${name} is empty.`;
   if (error.requirement === 'FIL-001') return `${name} is not a hapf file${rule}.`;
-  if (error.kind === 'unsupported') return `${name} needs a newer viewer: ${error.message}${rule}.`;
+  if (error.kind === 'unsupported') return `This viewer cannot read ${name}: ${error.message}${rule}.`;
   return `${name} cannot be opened: ${error.message}${rule}.`;
 }
 

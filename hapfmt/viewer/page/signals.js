@@ -32,6 +32,11 @@ export class Signals {
     return this.batches.size > 0;
   }
 
+  // Whether all that is in sight has come in full; only then is anything else asked for.
+  get complete() {
+    return !this.busy && this.wanted().every((lane) => this.state.bands.every((band) => this.get(lane, band)?.complete !== false));
+  }
+
   // Asks for what the view lacks.
   refresh() {
     const bands = [...this.state.bands];
@@ -64,7 +69,7 @@ export class Signals {
     const b = Math.min(recording.stop, this.state.t1 - offset);
     if (!(a < b)) return;
     const span = this.state.t1 - this.state.t0;
-    const bin = 2 ** Math.floor(Math.log2(span / this.width()));
+    const bin = 2 ** Math.round(Math.log2(span / this.width())); // about a pixel
     const enough = (one) => one && one.t0 <= a && one.t1 >= b && one.bin <= bin * 1.01 && one.version === (entry.version ?? 0);
     const lacking = lanes.filter((lane) => !enough(this.kept.get(`${lane.key} ${band}`)));
     if (!lacking.length) return;

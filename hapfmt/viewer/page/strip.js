@@ -53,9 +53,8 @@ export class Strip {
       const { offset } = lane.entry;
       ctx.strokeStyle = ctx.fillStyle = `${theme.colors.muted}b0`;
       ctx.lineWidth = ratio;
-      const path = result.kind === 'samples' ? linePath(result.time, result.min, part, offset) : bandPath(result.time, result.min, result.max, part, offset);
-      if (result.kind !== 'samples') ctx.fill(path);
-      ctx.stroke(path);
+      if (result.kind === 'samples') ctx.stroke(linePath(result.time, result.min, part, offset));
+      else ctx.fill(bandPath(result.time, result.min, result.max, part, offset, ratio));
     }
     this.drawMarks(ctx, ratio);
     const [from, to] = [this.xOf(state.t0), this.xOf(state.t1)].map((x) => Math.max(GUTTER, Math.min(GUTTER + this.width, x)));

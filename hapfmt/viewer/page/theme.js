@@ -12,6 +12,9 @@ const CHANNELS = {
 // Where colours come again, dashes tell the channels apart.
 const DASHES = [[], [6, 3], [2, 3], [8, 3, 2, 3]];
 
+// How many channels colours and dashes tell apart.
+export const DISTINCT = CHANNELS.light.length * DASHES.length;
+
 export const theme = { name: 'light', colors: {} };
 
 // wanted: 'light', 'dark' or 'auto', as the system says.
