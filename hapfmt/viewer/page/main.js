@@ -48,6 +48,7 @@ const state = new Store({
 });
 
 const app = { state, selection: new Selection(), ready: false };
+app.app = app;
 app.signals = new Signals(state, { wanted: () => app.panels.visibleLanes, width: () => app.panels.plotWidth, onData: () => drawSoon() });
 app.panels = new Panels(state, app.signals, at('panels'));
 app.readings = new Readings(state, app.signals, () => drawSoon());
