@@ -140,7 +140,7 @@ class Save {
       const part = await recording.subset(asked, { signal, onProgress }).catch((error) => {
         if (signal.aborted) throw error;
         const table = { entry, span: [t0, t1], channels: lanes.map(({ channel }) => channel) };
-        throw new Error(`${entry.name}: this page cannot copy the packets: ${error.message}. Try: ${this.command('subset', table, name)}`);
+        throw new Error(`${entry.name}: this page cannot copy the packets: ${error.message}. Repair a damaged file with hapfmt recover. Then use: ${this.command('subset', table, name)}`);
       });
       if (!part.packets) {
         saved.push(`${name} was not saved: the selection has no packet of these channels.`);
