@@ -165,7 +165,7 @@ def test_the_tabs_of_spectrum_and_statistics(chromium: Any, recorded: Path) -> N
         assert found["count"] == 7500 and found["missing"] == 500
         assert found["mean"] == pytest.approx(np.nanmean(x)) and found["min"] == np.nanmin(x)
         page.click("#tab-spectrum")
-        page.locator(".spectrum [role=status]", has_text="Hann").wait_for()
+        page.locator(".spectrum [role=status]", has_text="overlap").wait_for()
         assert "at 180" not in page.inner_text(".legend")
         lines = page.locator(".legend p")
         assert lines.count() == 3 and "peak" in lines.nth(0).inner_text()
@@ -372,3 +372,161 @@ def test_what_cannot_be_saved_is_said(chromium: Any, tmp_path: Path) -> None:
         page.get_by_role("button", name="Save part").click()
         said = page.locator(".save [role=status]", has_text="Not saved")
         assert "hapfmt subset 'it'\\''s broken.hapf'" in said.inner_text()
+
+
+SOUND = """
+  const { samples, rate, factor } = m.soundOf(Float64Array.from(input.x), input.rate);
+  return { samples, rate, factor };
+"""
+
+
+@needs_node
+def test_a_slow_signal_as_sound_is_interpolated() -> None:
+    t = np.arange(2000) / 1000
+    x = 7 + 2 * np.sin(2 * np.pi * 120 * t)
+    found = node("page/sound.js", SOUND, {"x": x, "rate": 1000})
+    assert (found["rate"], found["factor"], len(found["samples"])) == (8000, 8, 16000)
+    middle = slice(4000, 12000)
+    wanted = np.sin(2 * np.pi * 120 * np.arange(16000) / 8000)[middle]
+    np.testing.assert_allclose(np.array(found["samples"])[middle], wanted, atol=5e-3)
+
+
+@needs_node
+def test_sound_is_silent_in_gaps_and_never_louder_than_one() -> None:
+    x = noisy(9000)
+    x[3000:4000] = np.nan
+    found = node("page/sound.js", SOUND, {"x": x, "rate": 4000})
+    samples = np.array(found["samples"])
+    assert found["rate"] == 4000 and not samples[3000:4000].any()
+    assert np.abs(samples).max() == 1 and np.isfinite(samples).all()
+    for constant in ([5.0] * 100, [np.nan] * 100, []):
+        silent = node("page/sound.js", SOUND, {"x": constant, "rate": 8000})["samples"]
+        assert not np.any(silent)
+    huge = node("page/sound.js", SOUND, {"x": [1e308, -1e308] * 50, "rate": 8000})["samples"]
+    assert np.abs(huge).max() == 1
+
+
+RUMBLE = """
+  const frames = m.framesOf(Float64Array.from(input.slow), input.fast && Float64Array.from(input.fast), 1000);
+  const sent = [];
+  const ended = [];
+  let time = 0;
+  let act = () => {};
+  const actuator = {
+    playEffect(kind, { duration, strongMagnitude: strong, weakMagnitude: weak }) {
+      sent.push({ kind, duration, strong, weak });
+      return input.refuses && sent.length > 3 ? Promise.reject(new Error('no')) : Promise.resolve('complete');
+    },
+    reset() { sent.push('reset'); return Promise.resolve('complete'); },
+  };
+  const rumble = new m.Rumble(actuator, frames, {
+    strength: () => input.strength, now: () => time, ended: (why) => ended.push(why),
+    every: (seconds, action) => { act = action; return () => { act = () => {}; }; },
+  });
+  for (let n = 0; n < input.ticks; n++) {
+    time += n === input.late ? 1 : 0.05;
+    await null;
+    await null;
+    act();
+  }
+  return { frames, sent, ended, running: rumble.running };
+"""
+
+
+def rumbled(**given: Any) -> Any:
+    t = np.arange(2000) / 1000
+    slow = np.where(t < 1, 3.0, np.nan)
+    given = {"slow": slow, "fast": np.sin(400 * t) * t, "strength": 1, "ticks": 50, **given}
+    return node("page/rumble.js", RUMBLE, given)
+
+
+@needs_node
+@pytest.mark.parametrize("strength", [0.2, 1, 50, -1])
+def test_rumble_is_limited_and_ends_at_rest(strength: float) -> None:
+    found = rumbled(strength=strength)
+    *effects, reset = found["sent"]
+    strong, weak = (np.array([one[name] for one in effects]) for name in ("strong", "weak"))
+    limit = 0.5 * min(max(strength, 0), 1)
+    assert reset == "reset" and found["ended"] == ["It is at the end."]
+    assert {one["kind"] for one in effects} == {"dual-rumble"}
+    assert max(one["duration"] for one in effects) <= 100
+    for motor in (strong, weak):
+        assert motor.min() >= 0 and motor.max() == pytest.approx(limit) and motor[-1] == 0
+        assert np.diff(motor[:-1], prepend=0).max() <= 0.25 + 1e-12
+    assert not strong[24:].any() and (limit == 0 or weak[30] < weak[38])
+
+
+@needs_node
+def test_rumble_stops_when_late_or_refused() -> None:
+    late = rumbled(late=10)
+    assert late["ended"] == ["The page was late."] and not late["running"]
+    assert late["sent"][-1] == "reset" and late["sent"][-2]["strong"] == 0
+    refused = rumbled(refuses=True)
+    assert refused["ended"] == ["The gamepad refused: no"] and not refused["running"]
+
+
+FAKES = """() => {
+  window.heard = [];
+  window.felt = [];
+  const parameter = () => ({ value: 1, setTargetAtTime(value) { heard.push(['gain', value]); } });
+  window.AudioContext = class {
+    get currentTime() { return (performance.now() - this.began) / 1000; }
+    constructor() { this.began = performance.now(); this.destination = {}; }
+    createGain() { this.gain = { gain: parameter(), connect() {} }; return this.gain; }
+    createBuffer(channels, length, rate) {
+      return { copyToChannel: (samples) => heard.push(['buffer', samples.length, length, rate]) };
+    }
+    createBufferSource() {
+      return { connect() {}, start: () => heard.push(['start', this.gain.gain.value]), stop() { heard.push(['stop']); } };
+    }
+    async resume() {}
+    close() { heard.push(['close']); }
+  };
+  const actuator = {
+    async playEffect(kind, { strongMagnitude, weakMagnitude }) { felt.push([strongMagnitude, weakMagnitude]); },
+    async reset() { felt.push('reset'); },
+  };
+  window.pads = [];
+  navigator.getGamepads = () => window.pads;
+  window.plug = (vibrationActuator) => {
+    window.pads = [null, { id: 'Pad', vibrationActuator }];
+    window.dispatchEvent(new Event('gamepadconnected'));
+  };
+  window.actuator = actuator;
+}"""
+
+
+@pytest.mark.deep
+def test_sound_and_rumble(chromium: Any, recorded: Path) -> None:
+    with served(chromium, [recorded], "#sel=1,3&tab=play") as seen:
+        page = seen.page
+        page.evaluate(FAKES)
+        said = page.locator(".play p[role=status]")
+        page.get_by_role("button", name="Play sound").click()
+        said.filter(has_text="thumb sounds").wait_for()
+        assert page.evaluate("heard") == [["buffer", 16000, 16000, 8000], ["start", 0.1]]
+        assert page.locator(".line.playing").is_visible()
+        page.keyboard.press("Escape")
+        said.filter(has_text="Stopped").wait_for()
+        page.wait_for_timeout(100)
+        assert page.evaluate("heard.slice(2)") == [["gain", 0], ["stop"], ["close"]]
+        assert page.evaluate("hapf.app.selection.range") == [1, 3]
+
+        play = page.get_by_role("button", name="Play rumble")
+        assert not play.is_visible()
+        page.get_by_role("button", name="allow rumble").click()
+        assert play.is_disabled() and "No gamepad" in page.inner_text(".play")
+        page.evaluate("plug(null)")
+        assert play.is_disabled() and "cannot drive its motors" in page.inner_text(".play")
+        page.evaluate("plug(actuator)")
+        play.click()
+        said.filter(has_text="thumb moves Pad").wait_for()
+        page.wait_for_timeout(300)
+        page.evaluate("window.dispatchEvent(new Event('blur'))")
+        said.filter(has_text="the page was left").wait_for()
+        felt = page.evaluate("felt")
+        assert felt[-2:] == [[0, 0], "reset"] and 0 < max(strong for strong, _ in felt[:-1]) <= 0.1
+        page.wait_for_timeout(150)
+        assert page.evaluate("felt.length") == len(felt)
+        page.reload()
+        page.get_by_role("button", name="allow rumble").wait_for()

@@ -1,7 +1,7 @@
 // What the tools work on: the selection, or what is in sight where nothing is selected.
 import { formatDuration } from './format.js';
 
-const CHUNK = 2 ** 17; // samples at a time
+const CHUNK = 2 ** 16; // samples at a time
 
 // Seconds of one recording, [t0, t1); null: nothing of it is chosen.
 export function spanFor({ state, selection }, entry) {

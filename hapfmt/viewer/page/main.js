@@ -20,6 +20,7 @@ import { Store } from './store.js';
 import { Strip } from './strip.js';
 import { damageTab, eventsTab, checkedText } from './tab-marks.js';
 import { filesTab } from './tab-files.js';
+import { playTab } from './tab-play.js';
 import { saveTab } from './tab-save.js';
 import { spectrogramTab } from './tab-spectrogram.js';
 import { spectrumTab } from './tab-spectrum.js';
@@ -30,7 +31,7 @@ import { TimeAxis } from './times.js';
 import { hideTip, showTip } from './tip.js';
 import { moveInto, setView, showAll, zoom } from './view.js';
 
-const TABS = [valuesTab, eventsTab, damageTab, filesTab, spectrumTab, spectrogramTab, statisticsTab, saveTab];
+const TABS = [valuesTab, eventsTab, damageTab, filesTab, spectrumTab, spectrogramTab, statisticsTab, saveTab, playTab];
 
 const DEFAULTS = {
   mode: 'stacked', bands: ['sum'], fit: 'view', theme: 'auto', align: 'epoch', deadband: false, knots: false,
@@ -47,6 +48,7 @@ const state = new Store({
 });
 
 const app = { state, selection: new Selection(), ready: false };
+app.app = app;
 app.signals = new Signals(state, { wanted: () => app.panels.visibleLanes, width: () => app.panels.plotWidth, onData: () => drawSoon() });
 app.panels = new Panels(state, app.signals, at('panels'));
 app.readings = new Readings(state, app.signals, () => drawSoon());
