@@ -189,3 +189,33 @@ def test_a_page_that_fails_is_noticed(chromium: Any) -> None:
     ):
         seen.page.evaluate("setTimeout(() => { throw new Error('oh no'); })")
         seen.page.wait_for_timeout(100)
+
+
+def test_a_signal_of_steps_is_one_line(chromium: Any, tmp_path: Path) -> None:
+    """Bins of 20 samples, most of them flat: each reaches to the one before it."""
+    steps = np.repeat(np.arange(1000) * 7 % 11, 20).astype(np.int32)
+    hapfmt.write(steps, tmp_path / "steps.hapf", rate=1000, labels=["fx"], units="N")
+    with served(chromium, [tmp_path / "steps.hapf"]) as seen:
+        while not seen.page.evaluate("window.hapf.idle"):
+            seen.page.wait_for_timeout(50)
+        seen.page.wait_for_timeout(200)
+        columns = seen.page.evaluate("""() => {
+          const canvas = document.querySelector('.uplot canvas');
+          const { width, height } = canvas;
+          const { data } = canvas.getContext('2d').getImageData(0, 0, width, height);
+          const heights = [];
+          for (let x = 80; x < width; x++) { // right of the labels
+            const rows = [];
+            for (let y = 0; y < height; y++) {
+              const at = 4 * (y * width + x);
+              if (data[at + 2] > data[at] + 60) rows.push(y);
+            }
+            heights.push([rows.length, rows.length ? rows.at(-1) - rows[0] + 1 : 0]);
+          }
+          return heights;
+        }""")
+    drawn = [place for place, (count, _) in enumerate(columns) if count]
+    assert len(drawn) > 800
+    assert all(columns[place][0] for place in range(drawn[0], drawn[-1]))
+    broken = [place for place in drawn[2:-2] if columns[place][0] < columns[place][1]]
+    assert len(broken) < len(drawn) / 50
