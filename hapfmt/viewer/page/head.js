@@ -75,10 +75,15 @@ export class Head {
   file(entry) {
     const { recording } = entry;
     const verdict = entry.checked ?? recording.verdict;
-    const bad = !/^intact/.test(verdict) || entry.damage.length > 0;
+    const bad = !/^(intact|checking|not checked)/.test(verdict) || entry.damage.length > 0;
+    const open = entry.checked === undefined && !bad;
     const badge = element('button', {
-      type: 'button', class: bad ? 'badge bad' : 'badge', title: 'Damage and the check of whole files', onclick: () => this.state.set({ tab: 'damage', dock: true }),
-    }, verdict);
+      type: 'button', class: bad ? 'badge bad' : 'badge', title: open ? `${verdict}. Check the whole file` : 'Show the damage',
+      onclick: () => {
+        this.state.set({ tab: 'damage', dock: true });
+        if (open) this.app.verify([entry]);
+      },
+    }, open ? 'not checked yet: check' : verdict);
     return element('div', { class: 'file-facts' }, element('h1', {}, element('bdi', {}, entry.name)), element('span', { class: 'facts' }, factsOf(entry).join(' · ')), badge);
   }
 }
