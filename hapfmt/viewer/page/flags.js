@@ -8,6 +8,7 @@ import { hideTip, showTip } from './tip.js';
 import { setView } from './view.js';
 
 const SPACE = 16; // px of a flag
+const LONGEST = 190; // px of a flag's text
 const LISTED = 6; // marks that one text tells
 
 export class Flags {
@@ -36,6 +37,10 @@ export class Flags {
         i = next;
       }
     }
+    flags.sort((one, other) => one.time - other.time);
+    flags.forEach((flag, i) => {
+      flag.room = i + 1 < flags.length ? panels.xOf(flags[i + 1].time) - panels.xOf(flag.time) : Infinity;
+    });
     const key = flags.map(({ kind, count: n, time }) => `${kind} ${n} ${Math.round(panels.xOf(time))}`).join();
     if (key === this.shown) return;
     this.shown = key;
@@ -44,7 +49,7 @@ export class Flags {
     if (at >= 0) root.children[Math.min(at, root.children.length - 1)]?.focus();
   }
 
-  flag({ kind, marks, count, time, last }, i) {
+  flag({ kind, marks, count, time, last, room }, i) {
     const text = [...marks.map((mark) => markText(mark)), ...(count > marks.length ? [`and ${count - marks.length} more`] : [])].join('\n');
     const show = (event) => {
       const { left, bottom } = event.currentTarget.getBoundingClientRect();
@@ -59,6 +64,7 @@ export class Flags {
         else goToMark(this.app, marks[0]);
       },
     }, element('span', {}, first));
+    button.style.maxWidth = `${Math.max(SPACE / 2, Math.min(LONGEST, room - 1))}px`;
     button.style.left = `${this.panels.xOf(time)}px`;
     return button;
   }
