@@ -281,6 +281,14 @@ class TestOtherFiles:
         path.write_text("no")
         assert f"hapfmt encode {path} {path.with_suffix('.hapf')}" in called("info", path).err
 
+    @pytest.mark.parametrize("verb", ["info", "verify"])
+    @pytest.mark.parametrize("name", ["pic.png", "pic", "noise.txt"])
+    def test_no_advice_for_what_no_reader_takes(self, tmp_path: Path, verb: str, name: str) -> None:
+        (tmp_path / name).write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
+        said = called(verb, tmp_path / name)
+        assert said.code == 2 and "no signature [FIL-001]" in said.out + said.err
+        assert "encode" not in said.out + said.err
+
 
 class TestLabelsAndUnits:
     """encode and convert take labels and units for inputs that have none, or others."""

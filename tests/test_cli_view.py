@@ -63,9 +63,9 @@ class TestExport:
         done = run("view", "-", "--export", "-", cwd=room, stdin=DATA)
         assert done.returncode == 0 and inside(done.stdout) == {"standard input": DATA}
         done = commands.run_in_terminal("view", "touch.hapf", "--export", "-", cwd=room)
-        assert done.returncode == 1 and b"pipe" in done.stdout
+        assert done.returncode == 1 and b"page is too long for a terminal" in done.stdout
 
-    @pytest.mark.parametrize("size", [0, 1, 2, 3, (3 << 18) - 1, 3 << 18, (3 << 18) + 1])
+    @pytest.mark.parametrize("size", [300, 301, 302, 303, (3 << 18) - 1, 3 << 18, (3 << 18) + 1])
     def test_any_size(self, room: Path, size: int) -> None:
         data = (DATA + bytes(size))[:size]
         (room / "touch.hapf").write_bytes(data)
@@ -143,6 +143,27 @@ class TestRefusals:
         }.items():  # fmt: skip
             done = run("view", name, "--no-browser", cwd=room)
             assert done.returncode == 1 and what in done.stderr.decode(), name
+
+    @pytest.mark.parametrize("words", [["--no-browser"], ["--export", "a.html"]])
+    @pytest.mark.parametrize(
+        "data", [b"", b"\x89PNG\r\n\x1a\n" + bytes(1000), DATA[:8], DATA[:20]], ids=len
+    )
+    def test_of_a_file_without_any_chunk(self, room: Path, data: bytes, words: list) -> None:
+        """As ``hapfmt info`` refuses it."""
+        (room / "touch.hapf").write_bytes(data)
+        done = run("view", "touch.hapf", *words, cwd=room)
+        said = run("info", "touch.hapf", cwd=room)
+        assert (done.returncode, done.stdout, done.stderr) == (2, b"", said.stderr)
+        assert said.returncode == 2 and not (room / "a.html").exists()
+        done = run("view", "-", *words, cwd=room, stdin=data)
+        assert done.returncode == 2 and not done.stdout
+
+    def test_not_of_a_damaged_file(self, room: Path) -> None:
+        for data in (bytes(40) + DATA[40:], DATA[300:], b"\x89PNG" + DATA):
+            (room / "touch.hapf").write_bytes(data)
+            done = run("view", "touch.hapf", "--export", "a.html", "--force", cwd=room)
+            assert done.returncode == 0, done.stderr
+            assert inside((room / "a.html").read_bytes()) == {"touch.hapf": data}
 
     @pytest.mark.parametrize(
         ("words", "what"),

@@ -636,6 +636,17 @@ class TestCsv:
             {"notes": [f"comment lines not carried over: {comments}"]} if comments else {}
         )
 
+    def test_a_column_of_text_that_is_not_selected(self) -> None:
+        data = b"t [s],x,phase,y\n0,1,rest,3\n0.5,2,1e,4\n1,,go,5\n"
+        for select in ("y", ["y", "x"], "[xy]", ["0", "2"]):
+            found = read(io.BytesIO(data), format="csv", select=select)
+            assert "phase" not in [channel.label for channel in found]
+            assert found["y"].stored.tolist() == [3, 4, 5]
+        for select in (None, "phase", ["x", "1"]):
+            with pytest.raises(ParameterError, match=r"line 2, column 3 .*'rest' is not a") as said:
+                read(io.BytesIO(data), format="csv", select=select)
+            assert ("leave the column out" in str(said.value)) == (select is None)
+
     def test_without_a_time_column(self) -> None:
         x, y = read(io.BytesIO(b"x,y\n1,2\n,\n\ninf,-0\n"), format="csv", rate="7/2").channels
         assert (x.rate_exact, x.coverage, y.coverage) == (

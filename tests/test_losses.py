@@ -155,6 +155,17 @@ def test_a_byte_of_a_row_costs_one_packet(at):
         assert set(lost(bad)) <= {(track, 4, 8) for track in range(3)}
 
 
+@pytest.mark.parametrize(
+    ("wrong", "named"), [([0], "0"), ([1], "1"), ([2], "2"), ([0, 1], "0 to 1")]
+)
+def test_a_finding_names_the_tracks_of_the_table(wrong, named):
+    bad = STEADY
+    for track in wrong:
+        bad = flipped(bad, payload_of(STEADY, "DATA", 1) + TABLE + 5 * track)
+    (said,) = [one["message"] for one in verify(bad).findings if one["code"] == "bad-packet"]
+    assert said == f"packets of track {named} are damaged"
+
+
 def test_report():
     """
     REC-012: A damage report MUST name every missing sample, by a span of its track or of one that its channel needs.

@@ -178,7 +178,9 @@ def main() -> None:
     except (click.Abort, KeyboardInterrupt):
         code = report("interrupted", ERROR)
     except HapfmtError as error:
-        code = report(error.line(), error.exit_code, error.more)
+        from .common import way_out
+
+        code = report(error.line(), error.exit_code, way_out(error))
     except BrokenPipeError:
         code = ERROR  # the reader of our output has gone
     except OSError as error:

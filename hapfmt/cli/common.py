@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
-from ..errors import DAMAGED, UNSUPPORTED, ParameterError, channels_called
+from ..errors import DAMAGED, UNSUPPORTED, HapfmtError, ParameterError, channels_called
 from ..files import refuse
 from ..format.wire import FILE_ID_LIMIT
 from ..limits import Limits
@@ -384,6 +384,26 @@ def standard_input() -> BinaryIO:
     if 0 in closed:
         raise ParameterError("standard input is closed")
     return sys.stdin.buffer
+
+
+def way_out(error: HapfmtError) -> Sequence[str]:
+    """The further lines of an error; for a file of another format, the command that encodes it."""
+    path = Path(error.path or "")
+    suffix = path.suffix.lower()
+    if error.requirement != "FIL-001" or suffix in ("", HAPF) or not path.is_file():
+        return error.more
+    from ..convert.formats import Source, of_source
+
+    with Source(path) as source:
+        found = of_source(source) if source.head else None
+    if found is None or not found.reads:
+        return error.more
+    names = shlex.join([str(path), str(path.with_suffix(HAPF))])
+    rate = " --rate HZ" if suffix == ".npy" else ""
+    return [
+        "if this is a recording in another format, make a hapf file of it:",
+        f"  hapfmt encode {names}{rate}",
+    ]
 
 
 def output_of(name: str, *, text: bool = False) -> str | BinaryIO:

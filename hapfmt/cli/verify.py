@@ -24,6 +24,7 @@ from .common import (
     tell_some,
     threads_option,
     verbose_option,
+    way_out,
 )
 from .encode import amount, bound_text
 from .screen import Column, Verb, complain, say, table
@@ -95,7 +96,7 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
 
     say(f"{file}: {report.headline()}")
     if report.error:
-        complain(report.error.line(), report.error.more)
+        complain(report.error.line(), way_out(report.error))
     if verbose:
         tell_some([str(Finding(**finding)) for finding in report.findings])
     tell_some(report.summary)

@@ -20,7 +20,7 @@ from ..errors import ParameterError
 from ..files import refuse
 from ..format.source import is_url
 from .common import HAPF, force_option, input_of, output_of, progress, tell_written
-from .screen import Verb, note, say
+from .screen import Verb, note, say, width_of
 
 if TYPE_CHECKING:
     from ..viewer.server import ServedFile
@@ -34,7 +34,10 @@ DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
 @click.command(cls=Verb)
 @click.argument("files", metavar="FILE...", nargs=-1, required=True)
 @click.option(
-    "--port", type=click.IntRange(1, 65535), help="Port of the local server. [a free one]"
+    "--port",
+    type=click.IntRange(1, 65535),
+    metavar="PORT",
+    help="Port of the local server. [a free one]",
 )
 @click.option("--no-browser", is_flag=True, help="Print the address only.")
 @click.option(
@@ -71,6 +74,8 @@ def view(
             stack.enter_context(ServedFile(input_of(file), name))
             for file, name in zip(files, names_of(files), strict=True)
         ]
+        for file, each in zip(files, served, strict=True):
+            refuse_alien(file, each)
         if page is not None:
             write(served, page, force)
         else:
@@ -112,6 +117,16 @@ def refuse_other_format(file: str) -> None:
         )
 
 
+def refuse_alien(name: str, file: ServedFile) -> None:
+    """The FormatError of ``hapfmt info`` for a file without any chunk, which no page can show."""
+    from ..format.walk import find_header
+    from ..reading.opening import no_chunk
+
+    with file.opened() as source:
+        if find_header(source, 0, None) is None:
+            raise no_chunk(source).at(path=name)
+
+
 def names_of(files: Sequence[str]) -> list[str]:
     """As the page shows them: without folders, unless two would be the same."""
     short = [
@@ -132,6 +147,8 @@ def names_of(files: Sequence[str]) -> list[str]:
 def write(served: Sequence[ServedFile], page: str, force: bool) -> None:
     from ..viewer.export import export
 
+    if page == "-" and width_of() is not None:
+        raise ParameterError("a page is too long for a terminal: write it to a file or a pipe")
     with progress("writing") as advance:
         size = export(served, output_of(page), force=force, progress=advance)
     if size > LARGE:

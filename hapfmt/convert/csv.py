@@ -16,7 +16,7 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LimitError, MovedTimesWarning, ParameterError
+from ..errors import LimitError, MovedTimesWarning, ParameterError, channels_called
 from ..recording import Channel, Recording, Span, spans_at, unique
 from ..times import TIME_UNITS, TickGrid, TimeStamps, seconds_of_date, time_name
 from ..units import split_name, to_ucum
@@ -127,6 +127,9 @@ class _Table:
         self._rows_left = iter(lines)
         self._max_memory = options.max_memory
         self._keep_stamps = options.keep_stamps
+        self._select = list(options.select)
+        self._faults: dict[int, ParameterError] = {}
+        """By column, what is wrong with its first bad cell; it counts if the column is selected."""
         header = next((line for line in self._rows_left if line.strip()), None)
         if header is None:
             raise ParameterError("no header row 'name [unit]'; the table is empty")
@@ -184,6 +187,10 @@ class _Table:
         kept = () if stamps is None or stamps.ns is None else (kept_stamps(stamps.ns, grid),)
         names = [*(label for label, _ in named), *(channel.label for channel in kept)]
         labels = unique(names, notes)
+        if self._faults:
+            for number in channels_called(self._select, dict(enumerate(labels))):
+                if first + number in self._faults:
+                    raise self._faults[first + number]
         channels = tuple(
             _channel(label, unit, column, grid, notes)
             for label, (_, unit), column in zip(labels, named, x.T, strict=False)
@@ -304,13 +311,25 @@ class _Table:
         return [self._value(cell.strip(), first + index) for index, cell in enumerate(row)]
 
     def _value(self, cell: str, column: int) -> float:
-        if not cell:
+        if not cell or column in self._faults:
             return nan
+        try:
+            return self._number(cell, column)
+        except ParameterError as error:
+            if not self._select:
+                raise
+            self._faults[column] = error
+            return nan
+
+    def _number(self, cell: str, column: int) -> float:
         cell = self._with_point(cell, column)
         if _NUMBER.fullmatch(cell) is None:
             if len(self._names) == 1 and _in_spaces(cell):
                 self._refuse(_SPACES)
-            self._refuse(f"{cell[:40]!r} is not a number", column)
+            others = len(self._names) - 1 - (self._stamps is not None)
+            hint = "; leave the column out: name the others (select=)"
+            hint = hint if others and not self._select else ""
+            self._refuse(f"{cell[:40]!r} is not a number{hint}", column)
         value = float(cell)
         if isinf(value) and "inf" not in cell.lower():
             self._refuse(f"{cell[:40]!r} is beyond the range of a double", column)

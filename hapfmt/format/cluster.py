@@ -236,7 +236,8 @@ class MissingPackets:
     """A place in a cluster where packets are missing.
 
     ``after`` and ``before`` are the nearest kept rows around it, or None. ``row`` is known only for
-    an intact packet that is not delivered.
+    an intact packet that is not delivered. ``missing``: the rows of the packets, where the table is
+    intact.
     """
 
     after: TableRow | None
@@ -244,6 +245,7 @@ class MissingPackets:
     offset: int
     size: int
     row: TableRow | None = None
+    missing: Sequence[TableRow] = ()
 
     def tracks(self, known: Sequence[int]) -> list[int]:
         """Those of the ``known`` tracks that may have had packets here (DAT-002)."""
@@ -266,6 +268,15 @@ class Salvage:
         except FormatError:
             return
         self.rows = list(parse_rows(payload, self.head))
+
+    def table_holds(self) -> bool:
+        """Whether the rows are those that were written (DAT-011)."""
+        if self.head is None or len(self.payload) < self.head.table_size:
+            return False
+        stored = self.payload[self.head.rows_stop : self.head.table_size]
+        return crc32(self.payload[: self.head.rows_stop], self.seed) == int.from_bytes(
+            stored, "little"
+        )
 
     def place_forwards(self) -> None:
         """Place the packets one after another, from the end of the table on."""
@@ -328,12 +339,14 @@ def salvage_cluster(
     if salvage.head is None or not salvage.kept:
         yield MissingPackets(None, None, base, len(payload))
         return
+    rows = salvage.rows if salvage.table_holds() else []
     after: TableRow | None = None
     number, stop, samples = -1, 0, 0
     for each in sorted(salvage.kept):
         row, offset = salvage.rows[each], salvage.kept[each]
         if each > number + 1:
-            yield MissingPackets(after, row, base + stop, max(offset - stop, 0))
+            size = max(offset - stop, 0)
+            yield MissingPackets(after, row, base + stop, size, missing=rows[number + 1 : each])
         after, number, stop = row, each, offset + row.size
         track = tracks.get(row.track)
         samples += track.weight(row.span, row.size) if track else 0
@@ -343,4 +356,5 @@ def salvage_cluster(
             yield Packet(row.track, row.start, row.span, payload[offset:stop], base + offset)
     if number + 1 < salvage.head.packet_count:
         end = min(sizes[0], len(payload))
-        yield MissingPackets(after, None, base + stop, max(end - stop, 0))
+        size = max(end - stop, 0)
+        yield MissingPackets(after, None, base + stop, size, missing=rows[number + 1 :])

@@ -5,12 +5,10 @@ The module also reads the chain of indexes (SPEC 6.5), and the facts that append
 
 from __future__ import annotations
 
-import shlex
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from pathlib import Path
 
 from ..errors import HARMLESS, FormatError, HapfmtError, UnsupportedError
 from ..format.extras import (
@@ -23,7 +21,7 @@ from ..format.extras import (
     parse_foot,
     parse_index,
 )
-from ..format.source import ByteSource, is_url
+from ..format.source import ByteSource
 from ..format.track import check_range, unsupported_track
 from ..format.walk import Chunk, Finding, header_at, identify, read_chunk, walk
 from ..format.wire import HEADER_SIZE, SIGNATURE, SYNC
@@ -399,29 +397,24 @@ def lose_strangers(catalogue: Catalogue) -> None:
             catalogue.lose("lost-base", track.offset - HEADER_SIZE, 0, message, "DEC-003")
 
 
+def no_chunk(source: ByteSource) -> FormatError:
+    if source.read_at(0, len(SIGNATURE)) != SIGNATURE:
+        return no_signature(source)
+    return FormatError("a signature without any chunk", requirement="HED-001", offset=0)
+
+
 def no_signature(source: ByteSource) -> FormatError:
-    """With the way out, where the file is empty or of a format that ``encode`` reads."""
-    path, message, more = Path(source.path or ""), "not a hapf file: no signature", []
-    other = not is_url(source.path or "") and path.suffix.lower() not in ("", ".hapf")
-    if not source.size:
-        message = "not a hapf file: the file is empty"
-    elif other:
-        names = shlex.join([str(path), str(path.with_suffix(".hapf"))])
-        rate = " --rate HZ" if path.suffix.lower() == ".npy" else ""
-        more = [
-            "if this is a recording in another format, make a hapf file of it:",
-            f"  hapfmt encode {names}{rate}",
-        ]
-    return FormatError(message, requirement="FIL-001", offset=0, path=source.path, more=more)
+    what = "no signature" if source.size else "the file is empty"
+    return FormatError(
+        f"not a hapf file: {what}", requirement="FIL-001", offset=0, path=source.path
+    )
 
 
 def check_found(catalogue: Catalogue) -> None:
     """What only the end of the walk tells."""
     source = catalogue.source
     if not catalogue.chunks:
-        if source.read_at(0, len(SIGNATURE)) != SIGNATURE:
-            raise no_signature(source)
-        raise FormatError("a signature without any chunk", requirement="HED-001", offset=0)
+        raise no_chunk(source)
     if catalogue.head is None and not catalogue.damaged:
         error = FormatError(
             "the file has no HEAD chunk", requirement="HED-001", offset=FIRST_OFFSET

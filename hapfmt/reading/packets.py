@@ -326,7 +326,8 @@ class PacketPass:
             self.suspect(self.ranges, self.times(ref), at)
         else:
             tracks = hole.tracks(sorted(self.catalogue.tracks))
-            ends = sorted({tracks[0], tracks[-1]}) if tracks else ["?"]
+            named = [row.track for row in hole.missing] or tracks
+            ends = sorted({named[0], named[-1]}) if named else ["?"]
             message = f"packets of track {' to '.join(map(str, ends))} are damaged"
             self.catalogue.lose("bad-packet", hole.offset, hole.size, message, "DAT-004")
             self.suspect(self.ranges.keys() & set(tracks), self.times(ref), hole.offset)

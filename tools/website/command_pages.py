@@ -13,16 +13,6 @@ from hapfmt.cli.screen import Verb
 
 FOLDER = "commands"
 WIDTH = 76
-NOT_RUN = {
-    "hapfmt archive catalogue s3://bucket/archive -o archive.parquet --jobs 4": "a store of S3",
-    "hapfmt plot touch.npz --window": "a screen",
-    "hapfmt profile check mine.toml --path /dev/hidraw3": "a device",
-    "hapfmt rate study.toml --subject S07 --device glove5": "a device and a subject",
-    "hapfmt replay hand.hapf --device glove5 --start 2 --stop 5 --gain 0.2": "a device",
-    "hapfmt view left.hapf right.hapf --no-browser": "a browser",
-    "hapfmt view touch.hapf": "a browser",
-}
-"""Examples that no test runs -> what they need. Tests run all others."""
 CODE_OR_MARK = r"'(hapfmt [^']+)'|(?<![\w-])((?:hapfmt [a-z]+ )?--[a-z][\w-]*)|([\\`*_<>|\[\]])"
 REPLAY = {"5", "6", "128 + n"}
 """Exit codes of commands that drive a device."""
@@ -72,9 +62,6 @@ def described(
     if examples:
         yield f"{mark}# Examples" if level == 1 else "Examples:"
         yield "```console\n" + "\n".join(f"$ {line}" for line in examples) + "\n```"
-        for line in examples:
-            if line in NOT_RUN:
-                yield f"Not run by the tests, since it needs {NOT_RUN[line]}: `{line}`"
     if isinstance(command, click.Group):
         for each in command.list_commands(context):
             found = command.get_command(context, each)

@@ -149,9 +149,15 @@ class Recording {
   }
 
   // The packets of channels that overlap [t0, t1), as a file: { bytes, packets, start, stop, channels, notes }. Without times: all.
-  // asked: { channels: [index], t0, t1, name }
-  subset(asked, options) {
-    return this.link.call('subset', [asked], options);
+  // asked: { channels: [index], t0, t1, name }. In a Worker of its own, which reads the whole file. onProgress(done, of): bytes.
+  async subset(asked, { signal, onProgress } = {}) {
+    const { place, worker } = this.origin;
+    const link = new Link(worker());
+    try {
+      return await link.call('subset', [place, asked], { signal, onProgress });
+    } finally {
+      link.close();
+    }
   }
 
   stats(options) {

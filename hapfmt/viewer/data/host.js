@@ -1,8 +1,9 @@
 // Answers messages with what a session gives: within a Worker, or in the thread of the page.
 import { checkFile } from './check.js';
 import { Session } from './session.js';
+import { copyPart } from './subset.js';
 
-const METHODS = new Set(['samples', 'envelope', 'events', 'damage', 'learn', 'knots', 'bytes', 'subset', 'stats']);
+const METHODS = new Set(['samples', 'envelope', 'events', 'damage', 'learn', 'knots', 'bytes', 'stats']);
 const TELL_MS = 120; // between two messages of a kind
 
 const errorOf = ({ name, message, requirement = null, offset = null, kind = 'internal', size = null }) => ({ name, message, requirement, offset, kind, size });
@@ -58,7 +59,9 @@ export class Host {
       this.session = await Session.open(args[0], (what, facts) => this.tell(what, facts));
       return this.session.facts;
     }
-    if (call === 'check') return checkFile(args[0], (done, of) => this.post({ id, progress: [done, of] }, []));
+    const onProgress = (done, of) => this.post({ id, progress: [done, of] }, []);
+    if (call === 'check') return checkFile(args[0], onProgress);
+    if (call === 'subset') return copyPart(...args, onProgress);
     if (!this.session || !METHODS.has(call)) throw new TypeError(`no method ${call}`);
     return this.session[call](...args, { signal });
   }

@@ -11,7 +11,6 @@ import { Packets } from './packets.js';
 import { Pictures } from './pictures.js';
 import { Signals, channelsOf, physical } from './signals.js';
 import { aborted, openSource } from './sources.js';
-import { subsetOf } from './subset.js';
 import { gapsBetween, secondsAt, secondsBetween, tickAt } from './ticks.js';
 
 const SAMPLE_BOUND = 2e7; // of one request
@@ -201,12 +200,6 @@ export class Session {
   learn({ verdict, damages, findings }) {
     this.report = { verdict, damages, findings };
     this.tell('damage', { verdict });
-  }
-
-  // A part of the file, packet by packet: as subsetOf gives it.
-  async subset(asked, { signal } = {}) {
-    const bytes = this.file.bytes ?? await readWhole(this.source, () => {}, signal);
-    return subsetOf(bytes, asked);
   }
 
   async bytes(start, stop, { signal } = {}) {

@@ -12,6 +12,8 @@ import { clustersOf, timesOf } from '../decoder/recover.js';
 import { judge, settle } from '../decoder/report.js';
 import { guarded } from '../decoder/verify.js';
 import { Writer } from '../decoder/writer.js';
+import { readWhole } from './bywalk.js';
+import { openSource } from './sources.js';
 import { secondsAt, tickAt } from './ticks.js';
 
 const HEAD_SIZE = 44;
@@ -21,6 +23,10 @@ const CODECS_OF_MINOR_1 = new Set(['MDCT', 'NOIS']);
 const refuse = (requirement, message, offset = null) => {
   throw new HapfError('unsupported', requirement, message, offset);
 };
+
+export async function copyPart(place, asked, onProgress) {
+  return subsetOf(await readWhole(await openSource(place), onProgress), asked);
+}
 
 // channels: their numbers; t0, t1: seconds, or both null for all. name: what the notes call the file.
 // -> { bytes, packets, start, stop: seconds, channels: numbers that are in it, notes }. Throws HapfError for a file that cannot be copied so.

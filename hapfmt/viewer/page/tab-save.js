@@ -136,10 +136,11 @@ class Save {
       const channels = lanes.map(({ index }) => index);
       const whole = t0 <= recording.start && t1 >= recording.stop;
       const asked = { channels, name: stemOf(entry.name), ...(whole ? {} : { t0, t1 }) };
-      const part = await recording.subset(asked, { signal }).catch((error) => {
+      const onProgress = (done, of) => setText(this.said, `${entry.name}: read ${Math.floor((100 * done) / of)} %`);
+      const part = await recording.subset(asked, { signal, onProgress }).catch((error) => {
         if (signal.aborted) throw error;
         const table = { entry, span: [t0, t1], channels: lanes.map(({ channel }) => channel) };
-        throw new Error(`${entry.name}: this page cannot copy the packets: ${error.message}. Try: ${this.command('subset', table, name)}`);
+        throw new Error(`${entry.name}: this page cannot copy the packets: ${error.message}. Repair a damaged file with hapfmt recover. Then use: ${this.command('subset', table, name)}`);
       });
       if (!part.packets) {
         saved.push(`${name} was not saved: the selection has no packet of these channels.`);

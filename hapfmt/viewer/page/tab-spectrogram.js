@@ -12,6 +12,7 @@ import { Work } from './work.js';
 const RANGES = [40, 60, 80, 100];
 const SCALE = 64; // px of the legend of colours
 const CELLS = 2 ** 24;
+const PIXELS = new Uint32Array(Uint8Array.from({ length: 1024 }, (_, i) => (i % 4 === 3 ? 255 : colorAt((i >> 2) / 255)[i % 4])).buffer);
 
 export const spectrogramTab = { id: 'spectrogram', title: 'Spectrogram', create: (app) => new SpectrogramTab(app) };
 
@@ -106,12 +107,12 @@ class SpectrogramTab {
     Object.assign(this.picture, { width: grid.columns, height: bins });
     const context = this.picture.getContext('2d');
     const image = context.createImageData(grid.columns, bins);
+    const pixels = new Uint32Array(image.data.buffer);
     for (let column = 0; column < grid.columns; column++) {
       if (!grid.hits[column]) continue;
       for (let bin = 0; bin < bins; bin++) {
-        const at = 4 * ((bins - 1 - bin) * grid.columns + column);
-        image.data.set(colorAt((grid.level(column, bin) - top + range) / range), at);
-        image.data[at + 3] = 255;
+        const share = (grid.level(column, bin) - top + range) / range;
+        pixels[(bins - 1 - bin) * grid.columns + column] = PIXELS[Math.round(255 * Math.max(0, Math.min(1, share)))];
       }
     }
     context.putImageData(image, 0, 0);

@@ -8,7 +8,7 @@ import { LENGTHS, SHORTEST, Welch, lengthFor } from './welch.js';
 import { Work } from './work.js';
 
 const MOST = 64; // channels
-const DECADES = 8; // below the largest density
+const DECADES = 8; // below the peak of a line
 
 export const spectrumTab = { id: 'spectrum', title: 'Spectrum', create: (app) => new Spectrum(app) };
 
@@ -92,15 +92,14 @@ class Spectrum {
     if (!lines.length) return null;
     const low = Math.min(...lines.map(({ frequency }) => frequency[1]));
     const high = Math.max(...lines.map(({ frequency }) => frequency[frequency.length - 1]));
+    // The lowest of each line counts, so that a line of another unit hides none.
     let [least, most] = [Infinity, 0];
-    for (const { amplitude } of lines) {
-      for (let k = 1; k < amplitude.length; k++) {
-        if (amplitude[k] > most) most = amplitude[k];
-        if (amplitude[k] > 0 && amplitude[k] < least) least = amplitude[k];
-      }
+    for (const { amplitude, peak } of lines) {
+      const floor = amplitude[peak] / 10 ** DECADES;
+      most = Math.max(most, amplitude[peak]);
+      for (let k = 1; k < amplitude.length; k++) if (amplitude[k] > 0) least = Math.min(least, Math.max(floor, amplitude[k]));
     }
     if (!(most > 0)) [least, most] = [0.1, 1];
-    least = Math.max(least, most / 10 ** DECADES);
     const units = [...new Set(lines.map(({ lane }) => lane.unit))];
     return {
       x: { low, high, log: true, label: 'Hz' },
