@@ -37,8 +37,8 @@ export function linePath(time, values, box, offset) {
   return path;
 }
 
-// An area between two lines, one part for each run without missing values. With `thick` it shows a signal: so many
-// pixels more than it spans, and each bin reaches to the one before it, as the line between their samples does.
+// An area between two lines, one part for each run without missing values. `thick` is for signals: the area is that
+// many pixels higher than its values, and each bin reaches to the one before it.
 export function bandPath(time, lower, upper, box, offset, thick = 0) {
   const { x, y } = mapping(box);
   const [above, below] = [-thick / 2, thick / 2];
