@@ -1,10 +1,10 @@
 // A recording as the page sees it; a Worker reads and decodes it.
 
 class RecordingError extends Error {
-  constructor({ name, message, requirement, offset, kind }) {
+  constructor({ name, message, requirement, offset, kind, size }) {
     super(message);
     this.name = name === 'AbortError' ? name : 'HapfError';
-    Object.assign(this, { requirement, offset, kind });
+    Object.assign(this, { requirement, offset, kind, size });
   }
 }
 

@@ -6,7 +6,7 @@ import { copyPart } from './subset.js';
 const METHODS = new Set(['samples', 'envelope', 'events', 'damage', 'learn', 'knots', 'bytes', 'stats']);
 const TELL_MS = 120; // between two messages of a kind
 
-const errorOf = ({ name, message, requirement = null, offset = null, kind = 'internal' }) => ({ name, message, requirement, offset, kind });
+const errorOf = ({ name, message, requirement = null, offset = null, kind = 'internal', size = null }) => ({ name, message, requirement, offset, kind, size });
 
 export class Host {
   // post(message, buffers): to the page.

@@ -62,7 +62,12 @@ export class Session {
   async walk() {
     const bytes = await readWhole(this.source, (done, size) => this.tell('progress', { done, size }));
     this.overview = null;
-    this.use(walkFile(bytes));
+    try {
+      this.use(walkFile(bytes));
+    } catch (error) {
+      error.size = bytes.length; // an empty file has its own sentence
+      throw error;
+    }
   }
 
   // Does something by the index, and again by a walk where the index does not hold.

@@ -32,7 +32,7 @@ export class ChannelList {
     const button = (text, shown) => element('button', { type: 'button', onclick: () => this.showAll(shown) }, text);
     this.count = element('span', { class: 'count' });
     this.rows = new Rows({
-      label: 'Channels', empty: 'No channel matches the filter.',
+      label: 'Channels',
       render: (i, row) => this.render(this.items[i], row),
       act: (i, event) => this.act(this.items[i], event),
       toggle: (i) => this.toggle(this.items[i]),

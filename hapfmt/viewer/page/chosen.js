@@ -2,6 +2,7 @@
 import { formatDuration } from './format.js';
 
 const CHUNK = 2 ** 16; // samples at a time
+const MOST = 1e9; // a file of few bytes can have a long gap
 
 // Seconds of one recording, [t0, t1); null: nothing of it is chosen.
 export function spanFor({ state, selection }, entry) {
@@ -27,6 +28,7 @@ export const namedLane = ({ state }, lane) => (state.entries.length > 1 ? `${lan
 // All samples of a lane in [t0, t1), in parts: take(part, share that is done). Rejects where `signal` is aborted.
 export async function eachPart(lane, [t0, t1], band, signal, take) {
   const { recording } = lane.entry;
+  if ((t1 - t0) * lane.rate > MOST) throw new Error('There are more than 10⁹ samples: select fewer');
   const parts = Math.max(1, Math.ceil(((t1 - t0) * lane.rate) / CHUNK));
   const border = (i) => (i === parts ? t1 : t0 + ((t1 - t0) * i) / parts);
   for (let i = 0; i < parts; i++) {

@@ -40,7 +40,7 @@ export function timesOf(num, den) {
 
 export function columnName(label, unit) {
   const name = `${label.trim()} [${unit || '1'}]`;
-  if (/[\n\r]/.test(name)) throw new Error(`The label of a channel has a line break, which a table cannot contain.`);
+  if (/[\n\r]/.test(name)) throw new Error('the label of a channel has a line break, which a table cannot contain');
   return !/^[ #]|[",;\t]/.test(name) ? name : `"${name.replaceAll('"', '""')}"`;
 }
 
@@ -65,7 +65,7 @@ export function byRate(channels) {
 // The table of channels of one rate, [t0, t1): { parts: [text], rows, leftOut }. Throws where it is too large.
 export async function tableOf(recording, { num, den, channels }, [t0, t1], { band = 'sum', signal, onProgress = () => {} } = {}) {
   const [first, stop] = [t0, t1].map((time) => tickAt({ rateNum: num, rateDen: den }, time));
-  if ((stop - first) * channels.length > CELL_BOUND) throw new Error('The table would have more than 30 million cells');
+  if ((stop - first) * channels.length > CELL_BOUND) throw new Error('the table would have more than 30 million cells');
   const time = timesOf(num, den);
   const empty = ','.repeat(channels.length);
   const found = []; // texts, and runs of rows without any sample

@@ -43,6 +43,10 @@ export class Dock {
       setText(button, made.title?.() ?? title);
       panel.hidden = !chosen || !state.dock;
       if (!panel.hidden) made.update();
+      if (chosen && this.chosen !== id) {
+        this.chosen = id;
+        button.scrollIntoView({ block: 'nearest', inline: 'center' });
+      }
     }
   }
 

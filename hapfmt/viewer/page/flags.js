@@ -2,18 +2,19 @@
 import { element } from './dom.js';
 import { plural } from './format.js';
 import { GUTTER } from './chart.js';
-import { spanOf } from './marks.js';
+import { goToMark, spanOf } from './marks.js';
 import { lowerBound } from './signals.js';
 import { hideTip, showTip } from './tip.js';
-import { setView, showSpan } from './view.js';
+import { setView } from './view.js';
 
 const SPACE = 16; // px of a flag
+const LONGEST = 190; // px of a flag's text
 const LISTED = 6; // marks that one text tells
 
 export class Flags {
   constructor(app, root) {
     const { state, panels } = app;
-    Object.assign(this, { state, panels, root });
+    Object.assign(this, { app, state, panels, root });
     root.setAttribute('role', 'toolbar');
     root.setAttribute('aria-label', 'Events and damage in sight');
     root.addEventListener('keydown', (event) => this.keydown(event));
@@ -36,6 +37,10 @@ export class Flags {
         i = next;
       }
     }
+    flags.sort((one, other) => one.time - other.time);
+    flags.forEach((flag, i) => {
+      flag.room = i + 1 < flags.length ? panels.xOf(flags[i + 1].time) - panels.xOf(flag.time) : Infinity;
+    });
     const key = flags.map(({ kind, count: n, time }) => `${kind} ${n} ${Math.round(panels.xOf(time))}`).join();
     if (key === this.shown) return;
     this.shown = key;
@@ -44,21 +49,22 @@ export class Flags {
     if (at >= 0) root.children[Math.min(at, root.children.length - 1)]?.focus();
   }
 
-  flag({ kind, marks, count, time, last }, i) {
+  flag({ kind, marks, count, time, last, room }, i) {
     const text = [...marks.map((mark) => markText(mark)), ...(count > marks.length ? [`and ${count - marks.length} more`] : [])].join('\n');
     const show = (event) => {
       const { left, bottom } = event.currentTarget.getBoundingClientRect();
       showTip(text, left, bottom - 12);
     };
-    const first = count === 1 ? marks[0].title : plural(count, kind === 'event' ? 'event' : 'damaged place');
+    const first = count === 1 ? [marks[0].title, kind === 'damage' ? namesOf(marks[0]) : ''].filter(Boolean).join(' · ') : plural(count, kind === 'event' ? 'event' : 'damaged place');
     const button = element('button', {
       class: `flag ${kind}`, type: 'button', tabindex: i ? '-1' : '0', 'aria-label': text,
       onmouseenter: show, onmouseleave: hideTip, onfocus: show, onblur: hideTip,
       onclick: () => {
         if (count > 1 && last > time) setView(this.state, time - (last - time) * 0.2, last + (last - time) * 0.2);
-        else showSpan(this.state, ...spanOf(marks[0]));
+        else goToMark(this.app, marks[0]);
       },
     }, element('span', {}, first));
+    button.style.maxWidth = `${Math.max(SPACE / 2, Math.min(LONGEST, room - 1))}px`;
     button.style.left = `${this.panels.xOf(time)}px`;
     return button;
   }
@@ -73,8 +79,13 @@ export class Flags {
   }
 }
 
-export function markText({ kind, title, text, entry, channels }) {
+function namesOf({ entry, channels }) {
   const names = channels?.slice(0, 4).map((index) => entry.lanes.find((lane) => lane.index === index)?.name ?? index).join(', ');
   const more = channels?.length > 4 ? ` and ${channels.length - 4} more channels` : '';
-  return [`${kind === 'damage' ? 'Damage: ' : ''}${title}`, text && text !== title ? text : '', names ? names + more : ''].filter(Boolean).join(' · ');
+  return names ? names + more : '';
+}
+
+export function markText(mark) {
+  const { kind, title, text } = mark;
+  return [`${kind === 'damage' ? 'Damage: ' : ''}${title}`, text && text !== title ? text : '', namesOf(mark)].filter(Boolean).join(' · ');
 }

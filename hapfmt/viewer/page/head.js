@@ -22,6 +22,14 @@ export function factsOf({ recording, lanes }) {
   ].filter(Boolean);
 }
 
+const MOST = { narrow: 3, wide: 6 }; // files with a line of their own
+
+const narrow = matchMedia('(max-width: 900px)');
+
+const verdictOf = ({ checked, recording }) => checked ?? recording.verdict;
+
+const isBad = (entry) => !/^(intact|checking|not checked)/.test(verdictOf(entry)) || entry.damage.length > 0;
+
 export class Head {
   constructor(app, facts, tools) {
     const { state } = app;
@@ -36,11 +44,12 @@ export class Head {
       ...Object.fromEntries(Object.entries(BANDS).map(([band, text], i) => [band, toggle(text, `${text} (${i + 1})`, () => this.app.toggleBand(band))])),
       deadband: toggle('Deadband', 'How far the source may be from the line (d)', () => this.app.toggle('deadband')),
       knots: toggle('Knots', 'Support points of the slow part (k)', () => this.app.toggle('knots')),
-      fit: toggle('Fit', 'Scale to what is in sight, not to the whole recording (y)', () => this.app.toggleFit()),
-      select: toggle('Select', 'Drag to select a span of time; or hold Shift', () => this.app.toggle('selecting')),
+      fit: toggle('Fit values', 'The scale of values fits what is in sight, not the whole recording (y)', () => this.app.toggleFit()),
+      select: toggle('Select time', 'A drag on the charts selects a span of time and does not move them. Shift does the same', () => this.app.toggle('selecting')),
       align: toggle('By epoch', 'Align the files by their epochs, or by their starts (e)', () => this.app.toggleAlign()),
       theme: button('Dark', 'Light or dark (t)', () => this.app.toggleTheme()),
     };
+    narrow.addEventListener('change', () => this.update());
     const b = this.buttons;
     this.bands = group('Bands', b.sum, b.lf, b.hf);
     this.bounds = group('Deadband', b.deadband, b.knots);
@@ -64,21 +73,43 @@ export class Head {
     this.bands.hidden = !lanes.some(({ channel }) => channel.bands.length > 1);
     buttons.deadband.hidden = !lanes.some(({ channel }) => channel.deadband);
     buttons.knots.hidden = !lanes.some(({ channel }) => channel.hasKnots);
+    // The bound on the length of a vector is none on each of its channels.
+    buttons.deadband.disabled = !lanes.some(({ channel }) => channel.deadband && !channel.deadband.vector);
+    buttons.deadband.title = buttons.deadband.disabled ? 'The deadband bounds vectors of channels: no single channel has edges to draw' : 'How far the source may be from the line (d)';
     this.bounds.hidden = buttons.deadband.hidden && buttons.knots.hidden;
     buttons.align.hidden = !canAlignByEpoch(state.entries);
     describeTheme(buttons.theme);
-    this.facts.replaceChildren(...(state.entries.length ? state.entries.map((entry) => this.file(entry)) : [element('h1', {}, 'hapfmt view')]));
+    this.facts.replaceChildren(...this.files());
     const names = state.entries.map(({ name }) => name).join(', ');
     setText(document.querySelector('title'), names ? `${names} · hapfmt view` : 'hapfmt view');
   }
 
+  // At most MOST files, damaged ones first where there are more, and how many others there are.
+  files() {
+    const { entries } = this.state;
+    if (!entries.length) return [element('h1', {}, 'hapfmt view')];
+    const most = MOST[narrow.matches ? 'narrow' : 'wide'];
+    if (entries.length <= most) return entries.map((entry) => this.file(entry));
+    const bad = entries.filter(isBad);
+    const shown = [...bad, ...entries.filter((entry) => !isBad(entry))].slice(0, most - 1);
+    const damaged = bad.length > shown.length ? `, ${bad.length - shown.length} damaged` : '';
+    const more = element('button', {
+      type: 'button', class: damaged ? 'badge bad' : 'badge', title: 'Show all files', onclick: () => this.state.set({ tab: 'files', dock: true }),
+    }, `+ ${plural(entries.length - shown.length, 'file')}${damaged}`);
+    return [...entries.filter((entry) => shown.includes(entry)).map((entry) => this.file(entry)), more];
+  }
+
   file(entry) {
-    const { recording } = entry;
-    const verdict = entry.checked ?? recording.verdict;
-    const bad = !/^intact/.test(verdict) || entry.damage.length > 0;
+    const verdict = verdictOf(entry);
+    const bad = isBad(entry);
+    const open = entry.checked === undefined && !bad;
     const badge = element('button', {
-      type: 'button', class: bad ? 'badge bad' : 'badge', title: 'Damage and the check of whole files', onclick: () => this.state.set({ tab: 'damage', dock: true }),
-    }, verdict);
+      type: 'button', class: bad ? 'badge bad' : 'badge', title: open ? `${verdict}. Check the whole file` : 'Show the damage',
+      onclick: () => {
+        this.state.set({ tab: 'damage', dock: true });
+        if (open) this.app.verify([entry]);
+      },
+    }, open ? 'not checked yet: check' : verdict);
     return element('div', { class: 'file-facts' }, element('h1', {}, element('bdi', {}, entry.name)), element('span', { class: 'facts' }, factsOf(entry).join(' · ')), badge);
   }
 }

@@ -1,7 +1,8 @@
 // The keys of the page and the help that lists them.
 import { element } from './dom.js';
 import { pan, setView, showAll, showSpan, zoom } from './view.js';
-import { nextMark, spanOf } from './marks.js';
+import { markText } from './flags.js';
+import { goToMark, nextMark } from './marks.js';
 
 const NEAR = 0.1; // of the view
 
@@ -94,10 +95,10 @@ function zoomIn({ state, selection }) {
   else if (state.a !== null && state.b !== null) showSpan(state, Math.min(state.a, state.b), Math.max(state.a, state.b));
 }
 
-function goTo({ state, say }, kind, direction) {
-  const mark = nextMark(state, kind, direction);
-  if (mark) showSpan(state, ...spanOf(mark));
-  say(mark ? mark.title : `No ${kind} ${direction > 0 ? 'after' : 'before'} this place.`);
+function goTo(app, kind, direction) {
+  const mark = nextMark(app.state, kind, direction);
+  if (mark) goToMark(app, mark);
+  app.say(mark ? markText(mark) : `No ${kind} ${direction > 0 ? 'after' : 'before'} this place.`);
 }
 
 export function listenToKeys(app) {

@@ -29,7 +29,7 @@ import { valuesTab } from './tab-values.js';
 import { applyTheme, nextTheme } from './theme.js';
 import { TimeAxis } from './times.js';
 import { hideTip, showTip } from './tip.js';
-import { moveInto, setView, showAll, zoom } from './view.js';
+import { moveInto, setView, showAll, widest, zoom } from './view.js';
 
 const TABS = [valuesTab, eventsTab, damageTab, filesTab, spectrumTab, spectrogramTab, statisticsTab, saveTab, playTab];
 
@@ -37,6 +37,8 @@ const DEFAULTS = {
   mode: 'stacked', bands: ['sum'], fit: 'view', theme: 'auto', align: 'epoch', deadband: false, knots: false,
   dock: true, dockHeight: 190, side: true, tab: 'values', filter: '',
 };
+
+const SMALL = 4 * 2 ** 20; // bytes of a file that is checked as soon as it is open
 
 const at = (id) => document.getElementById(id);
 const fixed = { ...DEFAULTS, dock: innerHeight >= 700, side: innerWidth >= 700 };
@@ -111,22 +113,29 @@ const actions = {
     }
     await Promise.all(files.map((file) => addRecording(state, { name: file.name, blob: file })));
   },
-  verifyAll: async () => {
-    for (const entry of state.entries) {
-      entry.checked = 'checking';
-      state.tell(new Set(['facts']));
-      try {
-        entry.findings = await entry.recording.verify();
-        entry.checked = checkedText(entry.findings);
-      } catch (error) {
-        entry.checked = `not checked: ${error.message}`;
-      }
-      state.tell(new Set(['facts']));
-    }
+  verify: (entries = state.entries) => {
+    for (const entry of entries) entry.checked = 'checking';
+    if (entries.length) state.tell(new Set(['facts']));
+    for (const entry of entries) lastCheck = lastCheck.then(() => verifyOne(entry));
+    return lastCheck;
   },
   say: (text) => setText(at('status'), text),
 };
 Object.assign(app, actions);
+
+// One after the other, so that many files do not start as many Workers.
+let lastCheck = Promise.resolve();
+
+async function verifyOne(entry) {
+  if (!state.entries.includes(entry)) return;
+  try {
+    entry.findings = await entry.recording.verify();
+    entry.checked = checkedText(entry.findings);
+  } catch (error) {
+    entry.checked = `not checked: ${error.message}`;
+  }
+  state.tell(new Set(['facts']));
+}
 
 const chooser = element('input', {
   type: 'file', multiple: true, accept: '.hapf', hidden: true, 'aria-label': 'Files to open',
@@ -204,15 +213,20 @@ function rebuild() {
   drawSoon();
 }
 
+// First of all: what is drawn after a change of the theme has its colours.
+state.on(['theme'], () => applyTheme(state.theme));
 state.on(['t0', 't1'], () => {
-  const whole = state.stop - state.start;
-  state.moved = Math.abs(state.t0 - (state.start - whole * 0.02)) > whole * 1e-9 || Math.abs(state.t1 - (state.stop + whole * 0.02)) > whole * 1e-9;
+  const [from, to] = widest(state);
+  state.moved = Math.max(Math.abs(state.t0 - from), Math.abs(state.t1 - to)) > (to - from) * 1e-9;
   drawSoon();
 });
 state.on(['entries', 'filter', 'shown'], () => {
   chooseLanes(state);
   app.channels.update();
   rebuild();
+});
+state.on(['entries'], () => {
+  app.verify(state.entries.filter(({ checked, recording }) => checked === undefined && recording.closed && recording.size <= SMALL));
 });
 state.on(['start', 'stop'], () => {
   if (state.moved) setView(state, state.t0, state.t1);
@@ -238,7 +252,6 @@ state.on(['failures', 'pending', 'progress'], () => {
 });
 state.on(['side'], () => document.body.classList.toggle('no-side', !state.side));
 state.on(['theme'], () => {
-  applyTheme(state.theme);
   app.channels.update();
   rebuild();
 });

@@ -1,4 +1,5 @@
 // Events and damage on the time line: { time0, time1, entry, title, text, kind, channels } sorted by time.
+import { showSpan } from './view.js';
 
 export async function listEvents(state, entry) {
   const { recording } = entry;
@@ -67,11 +68,26 @@ export function concerns(mark, lane) {
   return mark.entry === lane.entry && (mark.channels === null || mark.channels.includes(lane.index));
 }
 
-// The next mark after the middle of the view (direction 1), or the last before it (−1).
+// Shows a mark, and the first of its channels that is shown.
+export function goToMark(app, mark) {
+  const { state } = app;
+  if (!mark.whole) showSpan(state, ...spanOf(mark));
+  const lane = mark.channels && state.lanes.find((one) => concerns(mark, one));
+  if (lane) app.focusLane(lane);
+  state.visited = { mark, t0: state.t0, t1: state.t1 };
+}
+
+// The mark after the one that was gone to (direction 1), or the one before it (−1). If the view has moved since, that
+// after or before the middle of the view; of the whole time line, the first or the last.
 export function nextMark(state, kind, direction) {
+  const { list } = state.marks[kind];
+  const { visited } = state;
+  const at = visited && visited.t0 === state.t0 && visited.t1 === state.t1 ? list.indexOf(visited.mark) : -1;
+  if (at >= 0) return list[at + direction];
+  if (!state.moved) return list.at(direction > 0 ? 0 : -1);
   const middle = (state.t0 + state.t1) / 2;
   const nudge = (state.t1 - state.t0) * 1e-6;
   const centre = (mark) => (spanOf(mark)[0] + spanOf(mark)[1]) / 2;
-  const found = state.marks[kind].list.filter((mark) => (centre(mark) - middle) * direction > nudge);
+  const found = list.filter((mark) => (centre(mark) - middle) * direction > nudge);
   return direction > 0 ? found[0] : found[found.length - 1];
 }

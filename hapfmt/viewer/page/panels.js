@@ -117,6 +117,7 @@ export class Panels {
       if (lane.channel.unsupported) return `${which}this viewer cannot decode it (${lane.channel.unsupported})`;
       if (failed) return `${which}it cannot be read (${failed.message})`;
       if (found.some(({ complete }) => complete === false)) return 'Reading …';
+      if (state.deadband && lane.channel.deadband?.vector) return `${which}its deadband bounds a vector of channels, so it has no edges here`;
       if (chart.crowded || (state.knots && signals.get(lane, 'knots')?.kind === 'none')) return 'Zoom in to see the knots.';
     }
     return '';

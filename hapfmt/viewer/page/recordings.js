@@ -31,10 +31,10 @@ export function lanesOf(entry) {
 }
 
 // Why a file is not shown, in plain words.
-export function explain(error, name, size) {
+export function explain(error, name) {
   const place = Number.isFinite(error.offset) && error.offset !== null ? ` at byte ${error.offset}` : '';
   const rule = error.requirement ? ` (${error.requirement}${place})` : '';
-  if (size === 0) return `${name} is empty.`;
+  if (error.size === 0) return `${name} is not a hapf file: it is empty.`;
   if (error.requirement === 'FIL-001') return `${name} is not a hapf file${rule}.`;
   if (error.kind === 'unsupported') return `This viewer cannot read ${name}: ${error.message}${rule}.`;
   return `${name} cannot be opened: ${error.message}${rule}.`;
@@ -45,13 +45,12 @@ let opened = 0;
 // source: { name, url } | { name, blob } | { name, bytes }.
 export async function addRecording(state, source) {
   const number = opened++;
-  const size = source.blob?.size ?? source.bytes?.length ?? null;
   const entry = { number, name: source.name, source, offset: 0, damage: [], events: [], findings: null };
   state.set({ pending: state.pending + 1 });
   try {
     entry.recording = await openRecording(source, { worker: startWorker, onChange: (what, news) => changed(state, entry, what, news) });
   } catch (error) {
-    state.set({ pending: state.pending - 1, failures: [...state.failures, { name: source.name, text: explain(error, source.name, size) }] });
+    state.set({ pending: state.pending - 1, failures: [...state.failures, { name: source.name, text: explain(error, source.name) }] });
     return null;
   }
   entry.lanes = lanesOf(entry);

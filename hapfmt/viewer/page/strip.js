@@ -1,11 +1,11 @@
 // The whole time line in one strip: the channel in focus, marks, and the part in sight, which can be dragged.
-import { element } from './dom.js';
+import { element, setText } from './dom.js';
 import { GUTTER, RIGHT } from './chart.js';
-import { bandPath, linePath, padded, rangeInSight } from './paint.js';
+import { bandPath, linePath, padded, rangeInSight, spansPath } from './paint.js';
 import { formatTime } from './format.js';
 import { spanOf } from './marks.js';
-import { theme } from './theme.js';
-import { setView } from './view.js';
+import { hatch, theme } from './theme.js';
+import { setView, widest } from './view.js';
 import { lowerBound } from './signals.js';
 
 export class Strip {
@@ -16,7 +16,8 @@ export class Strip {
     this.window = element('div', {
       class: 'window', role: 'scrollbar', 'aria-controls': 'panels', 'aria-orientation': 'horizontal', 'aria-label': 'Part of the time line in sight',
     });
-    root.append(this.canvas, this.window);
+    this.name = element('bdi', { class: 'strip-name' });
+    root.append(this.canvas, this.name, this.window);
     root.addEventListener('pointerdown', (event) => this.grab(event));
   }
 
@@ -25,7 +26,7 @@ export class Strip {
   }
 
   xOf(time) {
-    const { start, stop } = this.state;
+    const [start, stop] = widest(this.state);
     return GUTTER + ((time - start) / (stop - start)) * this.width;
   }
 
@@ -43,14 +44,19 @@ export class Strip {
     ctx.clearRect(0, 0, width, height);
     const lane = this.lane();
     this.window.hidden = !state.entries.length;
+    setText(this.name, lane?.name ?? '');
+    this.name.title = lane ? `The whole time line of ${lane.entry.name}: ${lane.name}` : '';
     if (!state.entries.length) return;
-    const box = { left: GUTTER * ratio, top: 3 * ratio, width: this.width * ratio, height: height - 6 * ratio, t0: state.start, t1: state.stop };
+    const [start, stop] = widest(state);
+    const box = { left: GUTTER * ratio, top: 3 * ratio, width: this.width * ratio, height: height - 6 * ratio, t0: start, t1: stop };
     const result = lane && signals.getWhole(lane, 'sum');
     const range = result && rangeInSight(result, -Infinity, Infinity);
     if (range) {
       const [low, high] = padded(range);
       const part = { ...box, low, high };
       const { offset } = lane.entry;
+      ctx.fillStyle = hatch(ctx, theme.colors.gap, true);
+      ctx.fill(spansPath(result.gaps ?? [], part, offset));
       ctx.strokeStyle = ctx.fillStyle = `${theme.colors.muted}b0`;
       ctx.lineWidth = ratio;
       if (result.kind === 'samples') ctx.stroke(linePath(result.time, result.min, part, offset));
@@ -60,7 +66,7 @@ export class Strip {
     const [from, to] = [this.xOf(state.t0), this.xOf(state.t1)].map((x) => Math.max(GUTTER, Math.min(GUTTER + this.width, x)));
     this.window.style.transform = `translateX(${from}px)`;
     this.window.style.width = `${Math.max(4, to - from)}px`;
-    this.window.setAttribute('aria-valuenow', Math.round((100 * (state.t0 - state.start)) / (state.stop - state.start)));
+    this.window.setAttribute('aria-valuenow', Math.round((100 * (state.t0 - start)) / (stop - start)));
     this.window.setAttribute('aria-valuetext', `${formatTime(state.t0, 3)} to ${formatTime(state.t1, 3)} s`);
   }
 
@@ -73,7 +79,8 @@ export class Strip {
       ctx.fillRect(from * ratio, (height - 4) * ratio, Math.max(2, to - from) * ratio, 4 * ratio);
     }
     ctx.fillStyle = theme.colors.event;
-    const pixel = (this.state.stop - this.state.start) / this.width;
+    const [start, stop] = widest(this.state);
+    const pixel = (stop - start) / this.width;
     for (let i = 0; i < event.starts.length;) {
       ctx.fillRect(this.xOf(event.starts[i]) * ratio, 0, ratio, 5 * ratio);
       i = Math.max(i + 1, lowerBound(event.starts, event.starts[i] + pixel));
@@ -83,9 +90,10 @@ export class Strip {
   grab(event) {
     const { state, root } = this;
     if (event.button !== 0 || !state.entries.length) return;
-    const perPixel = (state.stop - state.start) / this.width;
+    const [low, high] = widest(state);
+    const perPixel = (high - low) / this.width;
     const span = state.t1 - state.t0;
-    const at = state.start + (event.clientX - root.getBoundingClientRect().left - GUTTER) * perPixel;
+    const at = low + (event.clientX - root.getBoundingClientRect().left - GUTTER) * perPixel;
     if (at < state.t0 || at > state.t1) setView(state, at - span / 2, at + span / 2);
     const grabbed = { x: event.clientX, t0: state.t0 };
     root.setPointerCapture(event.pointerId);

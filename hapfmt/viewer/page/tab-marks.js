@@ -1,10 +1,9 @@
 // Lists of events and of damage; a click goes there.
 import { element } from './dom.js';
 import { formatTime, plural } from './format.js';
-import { spanOf } from './marks.js';
+import { goToMark, spanOf } from './marks.js';
 import { markText } from './flags.js';
 import { Rows } from './rows.js';
-import { showSpan } from './view.js';
 
 export const eventsTab = {
   id: 'events', title: 'Events', create: (app) => new Marks(app, { kind: 'event', title: 'Events', none: 'No file has events.' }),
@@ -49,9 +48,7 @@ class Marks {
   }
 
   go(mark) {
-    if (!mark.whole) showSpan(this.state, ...spanOf(mark));
-    const lane = mark.channels && mark.entry.lanes.find(({ index }) => index === mark.channels[0]);
-    if (lane) this.app.focusLane(lane);
+    goToMark(this.app, mark);
   }
 }
 
@@ -59,7 +56,7 @@ class Damage extends Marks {
   constructor(app) {
     super(app, { kind: 'damage', title: 'Damage', none: 'No damage was found in what was read so far.' });
     this.said = element('span', { class: 'said' });
-    this.check = element('button', { type: 'button', onclick: () => this.app.verifyAll() }, 'Check whole files');
+    this.check = element('button', { type: 'button', onclick: () => this.app.verify() }, 'Check whole files');
     this.element.prepend(element('div', { class: 'bar' }, this.check, this.said));
   }
 

@@ -98,8 +98,12 @@ class Play {
 
   // The first gamepad with motors; else why there is none.
   findPad() {
-    if (!navigator.getGamepads) return { why: 'This browser has no gamepads.' };
-    const pads = [...navigator.getGamepads()].filter(Boolean);
+    let pads;
+    try {
+      pads = [...navigator.getGamepads()].filter(Boolean);
+    } catch {
+      return { why: 'This browser gives no gamepads to this page.' };
+    }
     if (!pads.length) return { why: 'No gamepad is known. Press one of its buttons.' };
     const pad = pads.find(({ vibrationActuator }) => vibrationActuator?.playEffect);
     return pad ? { pad } : { why: `${pads[0].id}: this browser cannot drive its motors.` };

@@ -75,7 +75,7 @@ class Statistics {
         this.found.set(lane.key, { message: error.message });
       }
     }
-    this.explain('Missing samples are in no other column.');
+    this.explain('Missing samples are not counted in the other columns.');
   }
 
   render(lane, row) {

@@ -23,7 +23,7 @@ export function applyTheme(wanted) {
   theme.name = dark ? 'dark' : 'light';
   document.documentElement.dataset.theme = theme.name;
   const style = getComputedStyle(document.documentElement);
-  const names = ['ground', 'ink', 'muted', 'grid', 'sum', 'lf', 'hf', 'damage', 'event', 'gap', 'select'];
+  const names = ['ground', 'ink', 'muted', 'grid', 'sum', 'lf', 'hf', 'damage', 'event', 'gap', 'deadband', 'select'];
   theme.colors = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
   patterns.clear();
 }

@@ -5,6 +5,7 @@ import { formatTime, ticksBetween } from './format.js';
 import { theme } from './theme.js';
 
 const FONT = '11px system-ui, sans-serif';
+const UNIT = 66; // px that the unit takes
 const SAMPLE_SPACE = 5; // px between samples whose numbers are shown
 
 export class TimeAxis {
@@ -42,6 +43,7 @@ export class TimeAxis {
   ticks() {
     const { state, panels } = this;
     const lane = this.counted();
+    if (!state.entries.length) return [];
     const { values, decimals, largest } = timeTicks(state, panels.plotWidth);
     if (!lane) return values.map((time) => ({ time, text: formatTime(time, decimals, largest) }));
     const { rate, entry: { offset } } = lane;
@@ -49,10 +51,19 @@ export class TimeAxis {
     const most = Math.max(2, Math.floor(panels.plotWidth / 110));
     const { step, values: numbers } = ticksBetween(first, last, Math.min(most, Math.max(1, Math.floor(last - first))));
     const digits = Math.min(12, Math.max(decimals, Math.ceil(Math.log10(rate / Math.max(1, step))) + 1));
-    return numbers.filter(Number.isInteger).map((number) => {
+    const ticks = numbers.filter(Number.isInteger).map((number) => {
       const time = number / rate + offset;
       return { time, text: `${formatTime(time, digits, largest)}\n#${number}` };
     });
+    return ticks.filter(({ time, text }) => this.fits(panels.xOf(time), text));
+  }
+
+  // Whether a label is on the page as a whole, and right of what its numbers are.
+  fits(x, text) {
+    const { ctx } = this.plot;
+    ctx.font = FONT; // of the page's pixels, so is x
+    const half = Math.max(...text.split('\n').map((line) => ctx.measureText(line).width)) / 2;
+    return x - half >= UNIT && x + half <= this.panels.width;
   }
 
   draw() {
@@ -61,6 +72,7 @@ export class TimeAxis {
     this.plot.batch(() => this.plot.redraw(true, true));
     const largest = Math.max(Math.abs(this.state.t0), Math.abs(this.state.t1));
     const seconds = largest >= 120 ? 'min:s' : 's';
+    this.unit.hidden = !this.state.entries.length;
     this.unit.textContent = this.counted() ? `${seconds}\n# sample` : seconds;
   }
 }

@@ -7,9 +7,14 @@ function shortest(state) {
   return Math.max(1e-9, Math.max(Math.abs(state.start), Math.abs(state.stop)) * 1e-12);
 }
 
+// The widest view: the time line with some room at its ends.
+export function widest({ start, stop }) {
+  const edge = (stop - start) * EDGE;
+  return [start - edge, stop + edge];
+}
+
 export function showAll(state) {
-  const edge = (state.stop - state.start) * EDGE;
-  setView(state, state.start - edge, state.stop + edge);
+  setView(state, ...widest(state));
 }
 
 export function setView(state, t0, t1) {
