@@ -95,7 +95,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{case.id}: {case.about} [{', '.join(case.requirements)}]")
         return 0
     if not cases:
-        print("no case is called so", file=sys.stderr)
+        sets = dict.fromkeys(case.set for case in every)
+        unknown = [name for name in given.set if name not in sets]
+        what = f"no set {unknown[0]!r}" if unknown else "no case is called so"
+        print(f"{what}; the sets are: {', '.join(sets)}", file=sys.stderr)
         return 2
     caps = Caps(given.timeout, given.memory << 20)
     programs: list[Implementation] = []

@@ -246,6 +246,19 @@ def test_inspect_shows_units_as_info_does(tmp_path: Path) -> None:
     assert shown == ["N (from 'Newton')", "N", "N", "-"]
 
 
+class TestOverview:
+    def test_its_bytes_are_told(self, tmp_path: Path) -> None:
+        x = np.cumsum(np.random.default_rng(1).normal(size=1 << 16))
+        np.save(tmp_path / "x.npy", x)
+        sizes = []
+        for name, more in {"a.hapf": [], "b.hapf": ["--overview"]}.items():
+            out = called("encode", tmp_path / "x.npy", tmp_path / name, "--rate", "1000", *more).out
+            sizes.append((tmp_path / name).stat().st_size)
+        found = re.search(r"the overview takes (\d+) bytes of it", out)
+        assert found is not None
+        assert 0 <= sizes[1] - sizes[0] - int(found[1]) < 100  # the index lists it
+
+
 class TestOtherFiles:
     """A file of another format, or an empty one, is refused with the way out."""
 

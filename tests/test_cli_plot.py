@@ -368,7 +368,7 @@ def test_refused_before_any_work(room, monkeypatch):
     monkeypatch.setattr(plot, "open_parts", None)
     file = room / "a.hapf"
     for words, message in (
-        ([], "--window"),
+        ([], r"--output a\.png .*--window"),
         (["--output", room / "x.gif"], r"\.svg"),
         (["--output", room / "x.png", "--window"], "--window"),
         (["--output", room / "nowhere" / "x.png"], "directory"),

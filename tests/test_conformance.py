@@ -218,6 +218,15 @@ def test_known_failures_must_fail(room, tmp_path):
         assert fault in text
 
 
+def test_an_unknown_set_is_told_the_known_ones():
+    done = subprocess.run(
+        [sys.executable, CONFORMANCE / "run.py", "--set", "nonsense"], capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr.startswith("no set 'nonsense'; the sets are: valid, ")
+
+
 def test_junit(tmp_path):
     expects = {"valid/one": EXPECT, "valid/two": EXPECT | {"verdict": "damaged"}, "invalid/three": EXPECT | {"exit": {"encode": 0}}}  # fmt: skip
     room, out = room_of(tmp_path / "cases", expects), tmp_path / "junit.xml"

@@ -448,7 +448,7 @@ def test_a_first_column_of_another_name_that_may_hold_times() -> None:
         read(io.BytesIO(source), format="csv")
     found = read(io.BytesIO(source), format="csv", rate=500)
     assert found.labels == ["Zeit", "Kraft"]
-    assert found.metadata["notes"][0].startswith("'Zeit' rises evenly, as times do, and became")
+    assert found.metadata["notes"][0].startswith("column 'Zeit' looks like time, but was read")
     for first in (b"7;", b"0.01;"):
         other = source.replace(b"0.100;", first)
         assert not read(io.BytesIO(other), format="csv", rate=500).metadata

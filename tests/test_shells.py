@@ -28,6 +28,7 @@ TYPED = {
     "hapfmt archive cata": "hapfmt archive catalogue",
     "hapfmt encode --keep-s": "hapfmt encode --keep-stamps",
     "hapfmt encode --preset near": "hapfmt encode --preset near-lossless",
+    "hapfmt scene gra": "hapfmt scene grasp",
     "hapfmt info touch": "hapfmt info touching.hapf",
     "hapfmt verify a --against touch": "hapfmt verify a --against touching.hapf",
 }
@@ -125,6 +126,16 @@ class TestManualPages:
         for param in cli.get_command(click.Context(cli), "encode").params:
             if isinstance(param, click.Option) and not param.hidden:
                 assert param.opts[-1].replace("-", "\\-") in encode
+
+    def test_each_verb_has_its_exit_status_and_the_short_help_option(self, folder):
+        pages = {path.stem: path.read_text("utf-8") for path in folder.iterdir()}
+        assert all(".B \\-h, \\-\\-help\n" in text for text in pages.values())
+        for name, text in pages.items():
+            found = text.partition(".SH EXIT STATUS\n")[2].partition(".SH")[0]
+            assert (".B 0\ndone" in found) == (name != "hapfmt"), name
+            assert (".B 6\ndevice lost" in found) == name.startswith(
+                ("hapfmt-replay", "hapfmt-rate")
+            )
 
     def test_mandoc_finds_no_fault(self, folder):
         program = shutil.which("mandoc")

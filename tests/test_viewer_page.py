@@ -189,3 +189,30 @@ def test_a_page_that_fails_is_noticed(chromium: Any) -> None:
     ):
         seen.page.evaluate("setTimeout(() => { throw new Error('oh no'); })")
         seen.page.wait_for_timeout(100)
+
+
+def test_a_signal_of_steps_is_one_line(chromium: Any, tmp_path: Path) -> None:
+    """Bins of 20 samples, most of them flat: each reaches to the one before it."""
+    steps = np.repeat(np.arange(1000) * 7 % 11, 20).astype(np.int32)
+    hapfmt.write(steps, tmp_path / "steps.hapf", rate=1000, labels=["fx"], units="N")
+    with served(chromium, [tmp_path / "steps.hapf"]) as seen:
+        while not seen.page.evaluate("window.hapf.idle"):
+            seen.page.wait_for_timeout(50)
+        seen.page.wait_for_timeout(200)
+        columns = seen.page.evaluate("""() => {
+          const canvas = document.querySelector('.uplot canvas');
+          const { width, height } = canvas;
+          const { data } = canvas.getContext('2d').getImageData(0, 0, width, height);
+          const drawn = [];
+          for (let x = 80; x < width; x++) { // right of the labels
+            for (let at = 4 * x; at < data.length; at += 4 * width) {
+              if (data[at + 2] > data[at] + 60) {
+                drawn.push(x);
+                break;
+              }
+            }
+          }
+          return drawn;
+        }""")
+    assert len(columns) > 800
+    assert columns == list(range(columns[0], columns[-1] + 1))

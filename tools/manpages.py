@@ -16,6 +16,9 @@ import installed  # noqa: F401
 
 import click
 
+sys.path.insert(0, str(Path(__file__).parent / "website"))
+from command_pages import DRIVE, HELP, REPLAY, exit_rows
+
 from hapfmt.cli import SECTIONS, cli
 from hapfmt.cli.screen import Verb
 from hapfmt.version import __version__
@@ -86,6 +89,9 @@ def page(command: click.Command, context: click.Context) -> str:
     if examples:
         lines += [".SH EXAMPLES", as_typed(examples)]
     if context.parent is not None:
+        verb = context.command_path.split()[1]
+        rows = exit_rows(REPLAY if verb in DRIVE else set())
+        lines += [".SH EXIT STATUS", *(f".TP\n.B {code}\n{escaped(what)}" for code, what in rows)]
         above = context.parent.command_path.replace(" ", "-")
         lines += [".SH SEE ALSO", f".BR {escaped(above)} (1)"]
     return "\n".join(lines) + "\n"
@@ -106,7 +112,7 @@ if __name__ == "__main__":
         sys.exit("usage: python tools/manpages.py FOLDER")
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    found = dict(pages(cli, click.Context(cli, info_name="hapfmt")))
+    found = dict(pages(cli, click.Context(cli, info_name="hapfmt", help_option_names=HELP)))
     for name, text in found.items():
         (folder / name).write_text(text, encoding="utf-8")
     print(f"{len(found)} pages")

@@ -205,13 +205,28 @@ def explained(error: click.ClickException) -> click.ClickException:
         return error
     names = RENAMED.get(error.option_name, {})
     name = names.get(error.ctx.command.name or "", names.get("", ""))
-    known = [each for param in error.ctx.command.params for each in param.opts]
+    arguments, known = arguments_and_options(error.ctx.command)
+    if error.option_name.lstrip("-") in arguments:
+        shown = arguments[error.option_name.lstrip("-")]
+        message = f"{shown} is an argument: write it without {error.option_name}"
+        return click.UsageError(message, error.ctx)
     if name.split(" ")[0] not in known:
         bare = {each.lstrip("-"): each for each in known}
         meant = similar(error.option_name.lstrip("-"), bare, OPTION_CUTOFF)
         text = f"; did you mean {bare[meant]!r}?" if meant else ""
         return click.UsageError(f"no option {error.option_name!r}{text}", error.ctx)
     return click.UsageError(f"{error.option_name} was renamed {name}", error.ctx)
+
+
+def arguments_and_options(command: click.Command) -> tuple[dict[str, str], list[str]]:
+    """{name of an argument: as the help shows it}, and the names of the options."""
+    arguments, options = {}, []
+    for param in command.params:
+        if isinstance(param, click.Argument):
+            arguments[param.name or ""] = param.human_readable_name.strip("[].")
+        else:
+            options += param.opts
+    return arguments, options
 
 
 def usage(error: click.ClickException) -> int:

@@ -84,7 +84,7 @@ def annotate(
         events = read_table(table_, layer)
     else:
         if text is None or at is None:
-            raise ParameterError("Give --at SECONDS and TEXT, or --table, or --list")
+            raise ParameterError("Give --at SECONDS and the argument TEXT, or --table, or --list")
         row = {"time": at, "duration": duration, "channel": channel, "text": text}
         events = [event_of(row, layer)]
     if output is not None:

@@ -52,8 +52,10 @@ class Outcome:
     default="sand",
     show_default=True,
 )
-@click.option("--seconds", type=click.FloatRange(0.1, 600), default=4.0, show_default=True)
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
+@click.option(
+    "--seconds", type=click.FloatRange(0.1, 600), metavar="S", default=4.0, show_default=True
+)
+@click.option("--seed", type=click.IntRange(0), metavar="N", default=1, show_default=True)
 @click.option(
     "--k",
     "k",

@@ -135,6 +135,7 @@ def show(
     settings: Settings,
     *,
     verbose: bool,
+    overview: bool = False,
 ) -> None:
     rows = [row_of(each) for each in summary.decisions]
     if len(rows) > GROUPED and not verbose:
@@ -158,6 +159,10 @@ def show(
     if settings.bitrate is not None and recording.duration:
         rate = f", {kbit_per_second(summary, recording.duration):.4g}{JOINED}kbit/s"
     say(f"{target}: {summary.file_size} bytes{rate}, {compared(summary)}{took}")
+    if overview and summary.overview_size:
+        say(f"the overview takes {summary.overview_size} bytes of it")
+    elif overview:
+        say("no overview: it would take too much of the file")
     hint = advice(summary, recording)
     if hint:
         say(hint)
@@ -448,7 +453,8 @@ def preset_options(command: Any) -> Any:
     "--overview",
     is_flag=True,
     help="Attach the lowest and highest values of each channel, bin by bin, so that a viewer shows "
-    "a long recording at once. They take at most 4 % of the file, or 16 KiB.",
+    "a long recording at once. They take at most 4 % of the file or 16 KiB, "
+    "whichever is larger.",
 )
 @click.option("-v", "--verbose", is_flag=True, help="Say how each channel was coded, and why.")
 @threads_option
@@ -539,7 +545,9 @@ def encode(
     if as_json and target != "-":
         echo_json(summary_json(summary, duration, seconds))
     elif target != "-":
-        show(summary, target, seconds, recording, settings, verbose=verbose)
+        show(
+            summary, target, seconds, recording, settings, verbose=verbose, overview=overview,
+        )  # fmt: skip
     return code
 
 

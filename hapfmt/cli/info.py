@@ -104,6 +104,7 @@ SHOWN_CHARACTERS = 160
 @click.option(
     "--interval",
     type=click.FloatRange(0.01),
+    metavar="S",
     default=1.0,
     show_default=True,
     help="Seconds between the lines of --follow.",

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import click
 
@@ -93,7 +95,8 @@ def plot(
     from ..lab.plotting.panels import kind_of, new_figure, save
 
     if (output is None) != window:
-        raise ParameterError("Give --output touch.png (or .svg, .pdf), or --window.")
+        picture = shlex.quote(f"{'touch' if file == '-' else Path(urlsplit(file).path).stem}.png")
+        raise ParameterError(f"Give --output {picture} (or .svg, .pdf), or --window.")
     if output is not None and output != "-":
         kind = kind or kind_of(output)
         refuse(output, force)

@@ -220,6 +220,7 @@ INTERRUPTED = 130
 @click.option(
     "--gain",
     type=click.FloatRange(0, 1, min_open=True),
+    metavar="GAIN",
     help="Scale all outputs of a device, above 0 and at most 1 [default: of the profile].",
 )
 @click.option(

@@ -85,6 +85,7 @@ ERROR, LOST = 1, 3
 @click.option(
     "--gain",
     type=click.FloatRange(0, 1, min_open=True),
+    metavar="GAIN",
     help="Scale all outputs, above 0 and at most 1 [default: of the profile, mostly 0.5].",
 )
 @click.option(

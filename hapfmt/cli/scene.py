@@ -7,6 +7,7 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from ..errors import ParameterError
 from ..numbers import counted
@@ -30,8 +31,18 @@ if TYPE_CHECKING:
 INTEGRATORS = ("explicit-euler", "semi-implicit", "implicit", "trapezoid", "rk4", "exact")
 
 
+def scenes_or_files(
+    _ctx: click.Context, _param: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    """For the shell: the scenes that begin so, else names of files."""
+    from ..lab.scenes.description import builtin_names
+
+    names = [name for name in builtin_names() if name.startswith(incomplete)]
+    return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
+
+
 @click.command(cls=Verb)
-@click.argument("name", metavar="NAME|FILE.toml", required=False)
+@click.argument("name", metavar="NAME|FILE.toml", required=False, shell_complete=scenes_or_files)
 @click.argument("target", metavar="OUT", required=False)
 @click.option("--seconds", type=float, metavar="S", help="Duration in seconds [4].")
 @click.option(

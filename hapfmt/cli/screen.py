@@ -185,6 +185,8 @@ def reason(error: OSError) -> str:
     """The text of an OSError; a stream closed from the start gets a text of its own."""
     if closed and error.errno == errno.EBADF:
         return "a standard stream is closed"
+    if error.errno == errno.EISDIR:
+        return "this is a folder, not a file"
     return error.strerror or str(error)
 
 

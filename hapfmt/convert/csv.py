@@ -173,10 +173,11 @@ class _Table:
             first, x = 1, x[:, 1:]
         else:
             stamps, grid = self._stamps, self._grid(len(x), rate)
+            name = self._names[0][:40]
             if stamps is None and columns > 1 and _rises_evenly(x[:, 0]):
                 notes.append(
-                    f"{self._names[0][:40]!r} rises evenly, as times do, and became a channel; "
-                    "name the unit in the header if it holds times"
+                    f"column {name!r} looks like time, but was read as a channel; if it is time, "
+                    f"write its unit in the header, as '{split_name(name)[0]} [s]'"
                 )
         notes += grid.notes
         for note in grid.notes:

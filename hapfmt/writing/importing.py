@@ -552,14 +552,16 @@ class Importer:
         self.writer.describe(self.encoder.silent(silent))
         for type_, payload, id_ in clock_chunks(self.described, list(self.writer.tracks.values())):
             self.writer.chunk(type_, payload, id_)
+        overview_size = 0
         if self.overview:
-            attach_overview(self.stream, self.writer, self.threads)
+            overview_size = attach_overview(self.stream, self.writer, self.threads)
         self.writer.close()
         return Summary(
             self.writer.offset,
             self.payload,
             sum(column.sample_count for column in self.columns),
             tuple(column.decision() for column in self.columns),
+            overview_size,
         )
 
 

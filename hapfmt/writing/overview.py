@@ -151,14 +151,17 @@ def readable(stream: BinaryIO) -> Iterator[BinaryIO]:
         shutil.copyfileobj(file, stream)
 
 
-def attach_overview(stream: BinaryIO, writer: FileWriter, threads: int | None = None) -> None:
-    """Write the overview of what ``writer`` has written to ``stream``, which can be read.
+def attach_overview(stream: BinaryIO, writer: FileWriter, threads: int | None = None) -> int:
+    """Write the overview of what ``writer`` has written to ``stream``, which can be read. Returns
+    its bytes in the file.
 
     Nothing is written where it would be too large, even with the largest bins.
     """
     made = overview(stream, writer, threads)
+    before = writer.offset
     if made is not None:
         writer.attach(made)
+    return writer.offset - before
 
 
 def overview(stream: BinaryIO, writer: FileWriter, threads: int | None = None) -> Attachment | None:

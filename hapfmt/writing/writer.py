@@ -77,12 +77,16 @@ NAMED = (
 
 @dataclass(frozen=True)
 class Summary:
-    """Result of a write: bytes of the file and of the packets, samples, encoder's decisions."""
+    """Result of a write: bytes of the file and of the packets, samples, encoder's decisions.
+
+    ``overview_size``: bytes of the overview in the file.
+    """
 
     file_size: int
     payload_size: int
     sample_count: int
     decisions: tuple[Decision, ...]
+    overview_size: int = 0
 
     def __repr__(self) -> str:
         """One line for the file and one for each of the first channels."""
@@ -165,7 +169,8 @@ def write(
         replace an existing file.
     overview
         attach the lowest and highest values of each channel, bin by bin, so that a viewer shows a
-        long recording at once. It takes at most a 25th of the file, or 16 KiB.
+        long recording at once. It takes at most a 25th of the file or
+        16 KiB, whichever is larger.
     progress
         is called with (channels done, channels in all).
     threads
@@ -253,14 +258,14 @@ def put(
         out.chunk(*chunk)
     if encoded.settings.digest:
         out.digest(digests_of(encoded))
-    if overview:
-        attach_overview(stream, out, threads)
+    overview_size = attach_overview(stream, out, threads) if overview else 0
     out.close()
     return Summary(
         out.offset,
         sum(len(packet.data) for packet in encoded.packets + marks),
         recording.sample_count,
         tuple(encoded.decisions),
+        overview_size,
     )
 
 

@@ -14,6 +14,7 @@ from hapfmt.cli.screen import Verb
 FOLDER = "commands"
 WIDTH = 76
 CODE_OR_MARK = r"'(hapfmt [^']+)'|(?<![\w-])((?:hapfmt [a-z]+ )?--[a-z][\w-]*)|([\\`*_<>|\[\]])"
+HELP = cli.context_settings["help_option_names"]
 REPLAY = {"5", "6", "128 + n"}
 """Exit codes of commands that drive a device."""
 DRIVE = {"replay", "rate"}
@@ -29,7 +30,13 @@ def navigation() -> list[Any]:
 
 def pages() -> dict[str, str]:
     """{path on the site: Markdown}."""
-    root = click.Context(cli, info_name="hapfmt", max_content_width=WIDTH, terminal_width=WIDTH)
+    root = click.Context(
+        cli,
+        info_name="hapfmt",
+        help_option_names=HELP,
+        max_content_width=WIDTH,
+        terminal_width=WIDTH,
+    )
     found = {f"{FOLDER}/index.md": overview(root)}
     for verb in VERBS:
         command = cli.get_command(root, verb)
@@ -100,7 +107,12 @@ def options(command: click.Command, context: click.Context) -> Iterator[str]:
 
 
 def exit_codes(more: set[str]) -> str:
-    """Those of the help of ``hapfmt``, which lists them in two columns."""
+    rows = exit_rows(more)
+    return "\n".join(["| code | |", "|---|---|", *(f"| {code} | {what} |" for code, what in rows)])
+
+
+def exit_rows(more: set[str]) -> list[tuple[str, str]]:
+    """Those in the two columns of the help of ``hapfmt``; of those of replays only ``more``."""
     block = (cli.help or "").partition("Exit codes:\n")[2].partition("\n\n")[0]
     cells = [
         cell for line in block.splitlines() for cell in re.split(r" {3,}", line.strip()) if cell
@@ -111,7 +123,7 @@ def exit_codes(more: set[str]) -> str:
         rows[code] = what
     shown = [code for code in sorted(rows) if code not in REPLAY or code in more]
     order = sorted(shown, key=lambda code: int(code.split()[0]))
-    return "\n".join(["| code | |", "|---|---|", *(f"| {code} | {rows[code]} |" for code in order)])
+    return [(code, rows[code]) for code in order]
 
 
 def text(words: str) -> str:

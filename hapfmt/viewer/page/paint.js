@@ -37,10 +37,13 @@ export function linePath(time, values, box, offset) {
   return path;
 }
 
-// An area between two lines, one part for each run without missing values; `thick` pixels more than it spans.
+// An area between two lines, one part for each run without missing values. `thick` is for signals: the area is that
+// many pixels higher than its values, and each bin reaches to the one before it.
 export function bandPath(time, lower, upper, box, offset, thick = 0) {
   const { x, y } = mapping(box);
   const [above, below] = [-thick / 2, thick / 2];
+  const top = (j, first) => y(thick && j > first ? Math.max(upper[j], lower[j - 1]) : upper[j]) + above;
+  const bottom = (j, first) => y(thick && j > first ? Math.min(lower[j], upper[j - 1]) : lower[j]) + below;
   const path = new Path2D();
   const [from, to] = inSight(time, box.t0 - offset, box.t1 - offset);
   for (let i = from; i < to;) {
@@ -52,11 +55,11 @@ export function bandPath(time, lower, upper, box, offset, thick = 0) {
     while (stop < to && lower[stop] === lower[stop]) stop++;
     for (let j = i; j < stop; j++) {
       const px = x(time[j] + offset);
-      if (j === i) path.moveTo(stop === i + 1 ? px - 0.5 : px, y(upper[j]) + above);
-      else path.lineTo(px, y(upper[j]) + above);
+      if (j === i) path.moveTo(stop === i + 1 ? px - 0.5 : px, top(j, i));
+      else path.lineTo(px, top(j, i));
     }
-    if (stop === i + 1) path.lineTo(x(time[i] + offset) + 0.5, y(upper[i]) + above);
-    for (let j = stop - 1; j >= i; j--) path.lineTo(x(time[j] + offset), y(lower[j]) + below);
+    if (stop === i + 1) path.lineTo(x(time[i] + offset) + 0.5, top(i, i));
+    for (let j = stop - 1; j >= i; j--) path.lineTo(x(time[j] + offset), bottom(j, i));
     path.closePath();
     i = stop;
   }
