@@ -580,6 +580,7 @@ def test_light_and_dark(chromium: Any, touch: Path, scheme: str) -> None:
             assert all(contrast(color, under) >= 4.5 for color in rest[:4])
             assert all(contrast(color, under) >= 3 for color in rest)
         page.keyboard.press("m")
+        settle(page)
         for i in range(8):
             color = page.evaluate(
                 "i => { const { app } = window.hapf; const chart = [...app.panels.open.values()][0].chart;"
