@@ -430,6 +430,59 @@ def test_events_and_damage(chromium: Any, touch: Path) -> None:
         assert page.locator(".damage .said").inner_text().startswith(f"{damaged.name}: damaged, ")
 
 
+def test_each_tab_opens(chromium: Any, touch: Path, paper: Path) -> None:
+    """Without an error of the page, which ``served`` reports."""
+    with shown(chromium, [touch, paper]) as page:
+        tabs = page.get_by_role("tab")
+        assert tabs.count() == 9
+        for tab in tabs.all():
+            tab.click()
+            settle(page)
+            panel = page.locator(f"#{tab.get_attribute('aria-controls')}")
+            assert panel.is_visible() and panel.inner_text()
+
+
+def flipped(path: Path, folder: Path) -> Path:
+    """Two packets of different channels are damaged, in a recording of two packets a channel."""
+    data = bytearray(path.read_bytes())
+    for share in (0.25, 0.75):
+        data[int(share * len(data))] ^= 255
+    found = folder / "flipped.hapf"
+    found.write_bytes(data)
+    return found
+
+
+def test_a_small_file_is_checked_at_once(chromium: Any, touch: Path, tmp_path: Path) -> None:
+    damaged = flipped(touch, tmp_path)
+    with shown(chromium, [touch, damaged]) as page:
+        badges = page.locator(".badge").all_inner_texts()
+        assert badges[0] == "intact" and badges[1].startswith("damaged, ")
+        marks = "window.hapf.state.marks.damage.list.map(({ time0, time1 }) => [time0, time1])"
+        found = page.evaluate(marks)
+        assert found
+        for time0, time1 in found:
+            page.keyboard.press("]")
+            t0, t1 = state(page, "t0", "t1")
+            assert t0 <= time0 and t1 >= time1
+            assert state(page, "visited")["mark"]["time0"] == time0
+        assert state(page, "focus").startswith("1:")
+
+
+def test_the_strip_has_the_scale_of_the_charts(chromium: Any, touch: Path) -> None:
+    with shown(chromium, touch) as page:
+        window = page.locator("#strip .window").bounding_box()
+        plot = page.evaluate("window.hapf.app.panels.plotWidth")
+        assert window["width"] == pytest.approx(plot, abs=1)
+        assert page.locator(".strip-name").inner_text() == "grip"
+
+
+def test_the_button_of_the_theme_says_what_it_does(chromium: Any, touch: Path) -> None:
+    with shown(chromium, touch, color_scheme="light") as page:
+        for text, name in (("Dark", "dark"), ("Light", "light"), ("Dark", "dark")):
+            page.get_by_role("button", name=text, exact=True).click()
+            assert page.evaluate("document.documentElement.dataset.theme") == name
+
+
 @pytest.mark.parametrize(
     ("data", "sentence"),
     [
@@ -527,6 +580,7 @@ def test_light_and_dark(chromium: Any, touch: Path, scheme: str) -> None:
             assert all(contrast(color, under) >= 4.5 for color in rest[:4])
             assert all(contrast(color, under) >= 3 for color in rest)
         page.keyboard.press("m")
+        settle(page)
         for i in range(8):
             color = page.evaluate(
                 "i => { const { app } = window.hapf; const chart = [...app.panels.open.values()][0].chart;"

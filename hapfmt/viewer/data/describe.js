@@ -40,9 +40,16 @@ function describeChannel(channel, extents) {
     group: of(track.groups), bodySite: of(track.bodySites), device: of(track.devices), rate: rateNum / rateDen,
     rateText: rateDen === 1 ? String(rateNum) : `${rateNum}/${rateDen}`, rateNum, rateDen, firstTick, stopTick,
     numberFormat: track.numberFormat,
-    bands: hasBands(channel) ? ['sum', 'lf', 'hf'] : ['sum'], codecs, deadband: deadbandOf(channel),
+    bands: hasBands(channel) ? ['sum', 'lf', 'hf'] : ['sum'], codecs, deadband: deadbandOf(channel), step: stepOf(channel),
     hasKnots: parts.some(({ base }) => base.codec === 'KNOT'), unsupported: track.unsupported, track,
   };
+}
+
+// The distance of stored values that are next to each other, in the unit; null without packets.
+function stepOf({ parts, component }) {
+  if (!parts.length) return null;
+  const { A, D } = parts[0].base.calibrations[component];
+  return Math.abs(A / D);
 }
 
 // The contract of the full band: that of the HF track where there is one (clause 11).

@@ -214,7 +214,7 @@ export class Chart {
       const sum = state.deadband && state.bands.includes('sum') ? signals.get(lane, 'sum') : null; // its bound is that of the full band
       const edges = sum?.time.length ? edgesOfResult(lane.channel, sum) : null;
       if (edges) {
-        ctx.fillStyle = this.many ? `${this.colorOf({ lane })}40` : `${theme.colors.deadband}80`;
+        ctx.fillStyle = this.many ? `${this.colorOf({ lane })}40` : theme.colors.deadband;
         ctx.fill(bandPath(sum.time, edges.lower, edges.upper, box, offset));
       }
     }

@@ -1,6 +1,7 @@
 // Numbers, times and sizes as text; places for the ticks of an axis.
 
 const DIGITS = 7;
+const MOST_DECIMALS = 8;
 
 // A value to seven digits.
 export function formatValue(value) {
@@ -9,6 +10,13 @@ export function formatValue(value) {
   const size = Math.abs(value);
   if (size >= 1e7 || size < 1e-4) return trimmed(value.toExponential(DIGITS - 1));
   return trimmed(value.toPrecision(DIGITS));
+}
+
+// A value of a channel whose stored values are `step` apart, with the decimals that tell them apart.
+export function formatStepped(value, step) {
+  const decimals = decimalsOf(step);
+  if (!Number.isFinite(value) || !(step > 0) || decimals > MOST_DECIMALS || Math.abs(value) >= 1e9) return formatValue(value);
+  return value.toFixed(decimals).replace('-', '−');
 }
 
 function trimmed(text) {

@@ -7,7 +7,8 @@ import { colorOfChannel, dashOfChannel } from './theme.js';
 import { LENGTHS, SHORTEST, Welch, lengthFor } from './welch.js';
 import { Work } from './work.js';
 
-const MOST = 64; // channels
+const MOST = 8; // channels, as many as colours tell apart
+const FIRST_PEAK = 2; // bin 1 holds what is left of the mean and of slow drift
 const DECADES = 8; // below the peak of a line
 
 export const spectrumTab = { id: 'spectrum', title: 'Spectrum', create: (app) => new Spectrum(app) };
@@ -44,7 +45,9 @@ class Spectrum {
 
   update() {
     const { state, app } = this;
-    const lanes = state.lanes.slice(0, MOST);
+    const first = state.lanes.slice(0, MOST);
+    const focused = state.lanes.find(({ key }) => key === state.focus);
+    const lanes = !focused || first.includes(focused) ? first : [...first.slice(0, -1), focused];
     const parts = lanes.map((lane) => `${lane.key} ${this.readings.bandOf(lane)} ${spanFor(app, lane.entry)}`);
     this.work.ask(`${this.choice.value} ${parts.join(';')}`, lanes);
     this.draw();
@@ -52,7 +55,7 @@ class Spectrum {
 
   explain(text) {
     const { length } = this.state.lanes;
-    const more = length > MOST ? ` The first ${MOST} of ${length} channels.` : '';
+    const more = length > MOST ? ` ${MOST} of ${length} channels; choose others in the list.` : '';
     setText(this.said, `${spanText(this.app)}. ${text}${more}`);
   }
 
@@ -64,7 +67,7 @@ class Spectrum {
       this.found.set(lane.key, { lane, color: i, ...await this.computeOne(signal, lane) });
       this.draw();
     }
-    this.explain(lanes.length ? 'Hann windows that overlap by half, without missing samples.' : 'No channel is shown.');
+    this.explain(lanes.length ? 'Hann windows that overlap by half, without missing samples. The square is the density of hapfmt plot.' : 'No channel is shown.');
   }
 
   async computeOne(signal, lane) {
@@ -82,8 +85,8 @@ class Spectrum {
     const result = welch.result();
     if (!result) return { message: tooShort(length) };
     const amplitude = result.density.map(Math.sqrt);
-    let peak = 1;
-    for (let k = 2; k < amplitude.length; k++) if (amplitude[k] > amplitude[peak]) peak = k;
+    let peak = Math.min(FIRST_PEAK, amplitude.length - 1);
+    for (let k = peak + 1; k < amplitude.length; k++) if (amplitude[k] > amplitude[peak]) peak = k;
     return { ...result, amplitude, peak };
   }
 

@@ -1,12 +1,13 @@
 // Statistics of each shown channel, of the selection. They grow as the samples come.
 import { eachPart, namedLane, spanFor, spanText } from './chosen.js';
 import { element, setText } from './dom.js';
-import { formatValue } from './format.js';
+import { formatStepped } from './format.js';
 import { Rows } from './rows.js';
 import { Summary } from './summary.js';
 import { Work } from './work.js';
 
 const COLUMNS = ['Channel', 'Unit', 'Count', 'Missing', 'Lowest', 'Highest', 'Mean', 'SD', 'RMS', 'Peak to peak'];
+const EXACT = new Set(['min', 'max', 'peakToPeak']); // multiples of the step; the others have a digit more
 const FACTS = ['count', 'missing', 'min', 'max', 'mean', 'sd', 'rms', 'peakToPeak'];
 
 export const statisticsTab = { id: 'statistics', title: 'Statistics', create: (app) => new Statistics(app) };
@@ -89,7 +90,7 @@ class Statistics {
       row.append(...FACTS.map((name) => {
         if (!result) return element('span', { role: 'cell' }, '…');
         const value = result[name];
-        const text = name === 'count' || name === 'missing' ? String(value) : formatValue(value);
+        const text = name === 'count' || name === 'missing' ? String(value) : formatStepped(value, lane.channel.step * (EXACT.has(name) ? 1 : 0.1));
         const unit = name === 'count' || name === 'missing' ? '' : ` ${lane.unit}`;
         return element('span', { role: 'cell', dataset: { fact: name, value: String(value) }, class: share < 1 ? 'said' : null, title: `${value}${unit}` }, text);
       }));

@@ -1,6 +1,6 @@
 // The values at the cursors, of every shown channel.
 import { element, setText } from './dom.js';
-import { formatValue } from './format.js';
+import { formatStepped } from './format.js';
 import { Rows } from './rows.js';
 
 const COLUMNS = ['Channel', 'Unit', 'Pointer', 'A', 'B', 'B − A'];
@@ -37,7 +37,7 @@ class Values {
       if (!reading) return element('span', { role: 'cell' }, '…');
       return element('span', {
         role: 'cell', dataset: { value: String(reading.value), sample: reading.number }, title: reading.message ?? `sample ${reading.number}: ${reading.value}`,
-      }, formatValue(reading.value));
+      }, formatStepped(reading.value, lane.channel.step));
     };
     const [, a, b] = found;
     const difference = a && b ? b.value - a.value : null;
@@ -47,7 +47,7 @@ class Values {
       element('span', { role: 'rowheader' }, element('bdi', {}, (state.entries.length > 1 ? `${lane.entry.name}: ` : '') + lane.name)),
       element('span', { role: 'cell' }, lane.unit),
       ...found.map(cell),
-      element('span', { role: 'cell', ...(difference === null ? {} : { dataset: { value: String(difference) } }) }, difference === null ? '' : formatValue(difference)),
+      element('span', { role: 'cell', ...(difference === null ? {} : { dataset: { value: String(difference) } }) }, difference === null ? '' : formatStepped(difference, lane.channel.step)),
     );
   }
 }
