@@ -279,3 +279,10 @@ def test_a_port_that_is_taken(viewer: ViewServer, file: Path) -> None:
     with pytest.raises(OSError) as found:
         ViewServer([ServedFile(str(file), "b")], viewer.server_address[1])
     assert found.value.filename == f"port {viewer.server_address[1]}"
+
+
+def test_its_thread_ends_with_it(file: Path) -> None:
+    """A thread that goes on waits for a socket that is closed, and never rests."""
+    with ServedFile(str(file), "touch.hapf") as served, ViewServer([served]) as viewer:
+        assert viewer.thread.is_alive()
+    assert not viewer.thread.is_alive()

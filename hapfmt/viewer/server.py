@@ -76,7 +76,7 @@ def tag_of(source: ByteSource) -> str:
     return f'"{digest.hexdigest()[:24]}"'
 
 
-class ViewServer(socketserver.ThreadingMixIn, socketserver.TCPServer, Closing):
+class ViewServer(Closing, socketserver.ThreadingMixIn, socketserver.TCPServer):
     """Serves ``files`` at ``url`` from its start until it is closed, in threads of its own."""
 
     daemon_threads = True
