@@ -401,3 +401,8 @@ def _annotation(text: str) -> str:
     kept = "".join(c for c in text if (" " <= c <= "~" and c not in "{}") or c.isspace()).strip()
     joined = re.sub(r"\s", "_", kept)[: MAX_SIZE - 2]
     return f"{{{joined}}}" if joined else "1"
+
+
+def unit_text(unit: str) -> str:
+    """Return a UCUM unit for people: nothing for the unit 1, counts for {count}."""
+    return "" if unit == "1" else unit.strip("{}") + "s" if unit == "{count}" else unit

@@ -18,6 +18,7 @@ import click
 from ..errors import ParameterError, channels_called
 from ..format.track import Component, Contract
 from ..numbers import counted
+from ..units import unit_text
 from .common import (
     HAPF,
     IMPORT_NAMES,
@@ -44,7 +45,7 @@ from .common import (
     threads_option,
     unit_option,
 )
-from .screen import JOINED, Column, Verb, note, say, table
+from .screen import JOINED, Column, Verb, note, percent, say, table
 
 if TYPE_CHECKING:
     from ..encoder.encode import Decision
@@ -54,11 +55,6 @@ if TYPE_CHECKING:
     from ..writing.writer import Summary
 
 LOSSLESS = "lossless"
-
-
-def unit_text(unit: str) -> str:
-    """A UCUM unit for people: nothing for the unit 1, counts for {count}."""
-    return "" if unit == "1" else unit.strip("{}") + "s" if unit == "{count}" else unit
 
 
 def amount(value: float, unit: str, digits: int = 3) -> str:
@@ -103,6 +99,7 @@ class ChannelRow:
     sample_count: int
     size: int
     largest_error: float
+    extent: float
     snr_db: float | None
     st_sim: float | None
 
@@ -123,6 +120,7 @@ class ChannelRow:
             f"{8 * self.size / self.sample_count:.2f}" if self.sample_count else "-",
             str(self.size),
             error,
+            percent(self.largest_error, self.extent),
             self.texture,
         ]
 
@@ -142,7 +140,7 @@ def show(
         rows = list(grouped(rows))
     headers = [
         Column("label"), Column("kept as"), Column("bits/sample"), Column("bytes", 2),
-        Column("largest error", 1), Column("texture"),
+        Column("largest error", 1), Column("% of range", 1), Column("texture"),
     ]  # fmt: skip
     shown = len(headers) - (not any(row.texture for row in rows))
     table(headers[:shown], [row.cells()[:shown] for row in rows])
@@ -177,6 +175,7 @@ def row_of(each: Decision) -> ChannelRow:
         each.sample_count,
         each.size,
         each.largest_error,
+        each.extent,
         each.snr_db,
         each.st_sim,
     )
@@ -221,9 +220,14 @@ def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
             sample_count=sum(row.sample_count for row in members),
             size=sum(row.size for row in members),
             largest_error=max(row.largest_error for row in members),
+            extent=max(members, key=lambda row: share_of(row.largest_error, row.extent)).extent,
             snr_db=least(row.snr_db for row in members),
             st_sim=least(row.st_sim for row in members),
         )
+
+
+def share_of(error: float, whole: float) -> float:
+    return error / whole if whole > 0 else 0.0
 
 
 def least(values: Iterable[float | None]) -> float | None:
@@ -298,6 +302,12 @@ _PRESET_OPTIONS = (
         metavar="AMOUNT",
         help="near-lossless, perceptual: largest error in all: 0.1% of the channel's range, 0.01 "
         "in its unit, 10mN, 2lsb [0.1%].",
+    ),
+    click.option(
+        "--force-error",
+        is_flag=True,
+        default=None,
+        help="near-lossless, perceptual: allow a --max-error above 10 % of a channel's range.",
     ),
     click.option(
         "--fast",

@@ -25,8 +25,9 @@ from ..numbers import counted
 from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError, TrackPair
 from ..reading.follow import Follower
 from ..reading.opening import open_catalogue
+from ..units import unit_text
 from .common import echo_json, input_of, json_option, memory_option, schema_option, tell_some
-from .encode import bound_text, unit_text
+from .encode import bound_text
 from .screen import JOINED, Column, Verb, clipped, complain, raw, say, table, width_of
 
 

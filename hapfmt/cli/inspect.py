@@ -10,6 +10,7 @@ import click
 from ..errors import ParameterError
 from ..limits import Limits
 from ..numbers import counted
+from ..units import unit_text
 from .common import (
     asked_of,
     echo_json,
@@ -20,7 +21,6 @@ from .common import (
     memory_option,
     progress,
 )
-from .encode import unit_text
 from .screen import Column, Verb, note, say, table
 
 if TYPE_CHECKING:

@@ -15,6 +15,7 @@ import re
 import sys
 import unicodedata
 from collections.abc import Iterator, Sequence
+from math import inf
 from typing import Any, BinaryIO, NamedTuple
 
 import click
@@ -46,20 +47,26 @@ def printable(text: str) -> str:
     )
 
 
+OPTIONS = {
+    "max_error": "--max-error", "force_error=True": "--force-error", "k": "--k", "floor": "--floor", "felt": "--felt",
+    "texture=False": "--no-texture", "quality": "--quality", "snr": "--snr",
+    "st_sim": "--st-sim", "bitrate": "--bitrate", "synthetic_texture=True": "--synthetic-texture",
+    "texture_codec": "--texture-codec", "weighting": "--weighting",
+    "bits": "--bits", "step": "--step",
+    "cutoff_hz": "--cutoff", "interpolation": "--interpolation",
+    "tolerance": "--tolerance", "vectors": "--vector",
+    "references=False": "--no-references", "fast=True": "--fast",
+}  # fmt: skip
+"""Options of the encoder in Python -> on the command line."""
+
 IN_OPTIONS = {
     **{
-        f"{name} requires ": f"{option} requires "
-        for name, option in {
-            "max_error": "--max-error", "k": "--k", "floor": "--floor", "felt": "--felt",
-            "texture=False": "--no-texture", "quality": "--quality", "snr": "--snr",
-            "st_sim": "--st-sim", "bitrate": "--bitrate",
-            "texture_codec": "--texture-codec", "weighting": "--weighting",
-            "bits": "--bits", "step": "--step",
-            "cutoff_hz": "--cutoff", "interpolation": "--interpolation",
-            "tolerance": "--tolerance", "vectors": "--vector",
-            "references=False": "--no-references", "fast=True": "--fast",
-        }.items()
+        f"{name}{verb}": f"{option}{verb}"
+        for name, option in OPTIONS.items()
+        for verb in (" requires ", " would do nothing")
     },
+    "add unit='N' or felt='all'": "add --unit N or --felt all",
+    "add force_error=True": "add --force-error",
     "; use force=True to ": "; use --force to ",
     "hapfmt.Reader reads what is intact; hapfmt.recover(file, into) writes an intact copy": (
         "hapfmt decode gives what is intact; hapfmt recover writes an intact copy"
@@ -103,13 +110,24 @@ IN_OPTIONS = {
 """Words of errors for Python -> for the command line."""
 
 
+_KEYWORDS = re.compile(
+    "|".join(
+        (r"(?<![\w-])" if keyword[0].isalnum() else "") + re.escape(keyword)
+        for keyword in sorted(IN_OPTIONS, key=len, reverse=True)
+    )
+)
+
+
 def in_options(text: str) -> str:
-    """A message of the package with options in place of keywords."""
-    for keyword, option in IN_OPTIONS.items():
-        if keyword in text:
-            start = r"\b" if keyword[0].isalnum() else ""
-            text = re.sub(start + re.escape(keyword), option, text)
-    return text
+    """Return a message of the package with options in place of keywords."""
+    return _KEYWORDS.sub(lambda match: IN_OPTIONS[match[0]], text)
+
+
+def percent(error: float, whole: float) -> str:
+    """Return an error in percent of a whole, as text; "-" where there is no whole."""
+    if not error:
+        return "0"
+    return f"{100 * (error / whole):.3g}" if 0 < whole < inf else "-"
 
 
 def say(text: str = "", *, err: bool = False, whole: bool = False) -> None:

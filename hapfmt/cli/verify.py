@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from math import inf
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -27,7 +26,7 @@ from .common import (
     way_out,
 )
 from .encode import amount, bound_text
-from .screen import Column, Verb, complain, say, table
+from .screen import Column, Verb, complain, percent, say, table
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -154,9 +153,3 @@ def of_bound(check: ContractCheck) -> str:
     if check.contract:
         return f"{100 * float(check.worst_ratio):.1f}"
     return percent(check.largest_error, check.stated)
-
-
-def percent(error: float, whole: float) -> str:
-    if not error:
-        return "0"
-    return f"{100 * (error / whole):.3g}" if 0 < whole < inf else "-"

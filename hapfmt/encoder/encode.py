@@ -44,7 +44,7 @@ from .exact import (
 from .gridded import Gridded, on_grid, without_odd_values
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, sparse
-from .plan import Promise, promises_of, vector_promise
+from .plan import Promise, extent_of, finite, promises_of, vector_promise
 from .predict import shorten
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import Settings
@@ -91,7 +91,8 @@ class Decision:
     """What became of one channel.
 
     ``kept_as`` says what is kept in plain words, ``reason`` how. ``unit``: the channel's.
-    ``largest_error``: of all samples, decoded against recorded, in that unit. ``original_bits`` of
+    ``largest_error``: of all samples, decoded against recorded, in that unit. ``extent``: the
+    largest minus the smallest sample, glitches left out, in that unit. ``original_bits`` of
     one sample as it came. ``exact``: the track is stored without loss (on its grid, see
     ``lattice``); ``within``: every sample was found within the bound of the track.
     ``axis_count`` channels share a vector. ``size`` in bytes, of packets and codebooks.
@@ -113,6 +114,7 @@ class Decision:
     unit: str
     kept_as: str
     largest_error: float
+    extent: float
     original_bits: int
     snr_db: float | None = None
     st_sim: float | None = None
@@ -577,6 +579,7 @@ def decide(
             unit=given.unit,
             kept_as=kept_as,
             largest_error=errors[place],
+            extent=extent_of(finite(given)),
             original_bits=8 * (given.stored if given.exact is None else given.exact).itemsize,
             snr_db=unit.reached.get("snr_db"),
             st_sim=unit.reached.get("st_sim"),

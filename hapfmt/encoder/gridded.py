@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..codecs.grids import FINEST, LpcParameters, deadband_levels
 from ..recording import Channel, Span, append_span
 from .lattice import LatticeSearch, on_uniform_grid, to_counts
-from .plan import Promise, without_glitches
+from .plan import Promise, extent_of
 from .settings import Settings, Tolerance
 from .unit import STEP_LIMIT, Bound, at_most
 
@@ -119,9 +119,7 @@ def in_unit(
             return None, "no step is known, so an amount in lsb does not apply"
         value: float | None = floor.absolute(0.0, step)
     else:
-        calm = without_glitches(x)
-        with np.errstate(over="ignore"):
-            value = floor.absolute(float(calm.max()) - float(calm.min()), None, channel.unit)
+        value = floor.absolute(extent_of(x), None, channel.unit)
     if value is None or not 0.0 < value < inf:
         return None, "constant" if (x == x[0]).all() else "the range leaves no room for an error"
     return replace(promise, floor=Tolerance(value)), ""

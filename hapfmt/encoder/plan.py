@@ -10,6 +10,8 @@ its range and its slow part.
 from __future__ import annotations
 
 import re
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -17,13 +19,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ParameterError
+from ..errors import DataWarning, ParameterError
 from ..recording import Channel, Recording
+from ..units import unit_text
 from .settings import (
     ALL,
+    FELT_OPTIONS,
     FORCE_FLOORS,
     QUANTITY_OF_UNIT,
     RANGE_FLOOR,
+    TEXTURE_OPTIONS,
+    USED_BY,
     WEBER_LIMITS,
     Settings,
     TextureQuality,
@@ -73,13 +79,32 @@ class Promise:
 
 
 def promises_of(recording: Recording, settings: Settings) -> list[Promise]:
-    """One promise for each channel. The caller says which ones are felt, or their quantities do."""
+    """One promise for each channel. The caller says which ones are felt, or their quantities do.
+
+    Raises ParameterError where an option of preset perceptual has nothing to act on. Warns with a
+    DataWarning where no channel is felt.
+    """
     channels = recording.channels
-    if settings.felt is None:
-        return [promise_of(channel, settings) for channel in channels]
-    labels = [channel.label for channel in channels]
+    felt = felt_channels(channels, settings)
+    promises = [
+        promise_of(channel, settings, felt=None if settings.felt is None else each)
+        for channel, each in zip(channels, felt, strict=True)
+    ]
+    if settings.preset == "perceptual" and channels:
+        check_effects(settings, felt, promises)
+    for channel, promise in zip(channels, promises, strict=True):
+        if promise.floor is settings.max_error and not promise.texture:
+            step = channel.calibration.step if channel.calibration else channel.lsb
+            extent = extent_of(finite(channel))
+            check_error(settings, extent, channel.label, channel.unit, step)
+    return promises
+
+
+def felt_channels(channels: Sequence[Channel], settings: Settings) -> list[bool]:
+    """Whether each channel is felt: by its quantity, or because the caller says so."""
     felt = [settings.felt == ALL or quantity_of(channel) in WEBER_LIMITS for channel in channels]
-    for name in settings.felt if settings.felt != ALL else ():
+    labels = [channel.label for channel in channels]
+    for name in settings.felt or () if settings.felt != ALL else ():
         if name in labels:
             for number, label in enumerate(labels):
                 felt[number] |= label == name
@@ -88,10 +113,67 @@ def promises_of(recording: Recording, settings: Settings) -> list[Promise]:
         else:
             known = ", ".join(labels)
             raise ParameterError(f"no channel is called {name!r}; there are: {known}")
-    return [
-        promise_of(channel, settings, felt=each)
-        for channel, each in zip(channels, felt, strict=True)
-    ]
+    return felt
+
+
+NOT_FELT = "no channel is known to be felt: add unit='N' or felt='all'"
+
+
+def check_effects(settings: Settings, felt: list[bool], promises: list[Promise]) -> None:
+    """Refuse options of preset perceptual that no channel of this recording uses."""
+    if not any(felt):
+        if given := settings.departures(FELT_OPTIONS):
+            raise ParameterError(f"{USED_BY[given[0]][0]} would do nothing: {NOT_FELT}")
+        warnings.warn(f"{NOT_FELT}; all channels are near-lossless", DataWarning, stacklevel=2)
+    elif not any(promise.texture for promise in promises) and (
+        given := settings.departures(TEXTURE_OPTIONS)
+    ):
+        raise ParameterError(
+            f"{USED_BY[given[0]][0]} would do nothing: no felt channel has a texture. "
+            f"Each is constant, silent, or slower than {2 * settings.cutoff_hz:g} samples/s"
+        )
+
+
+LARGEST_SHARE = 0.1
+"""Share of a channel's range that a largest error may be. A larger one is probably a mistake."""
+
+
+def check_error(
+    settings: Settings, extent: float, label: str, unit: str, step: Fraction | float | None
+) -> None:
+    """Refuse a largest error that flattens the channel, unless it is a share of the range.
+
+    extent: the channel's largest minus its smallest value, in ``unit``. step: of its counts.
+    """
+    amount = settings.max_error
+    if settings.force_error or amount.kind == "range":
+        return
+    value = amount.absolute(extent, None if step is None else abs(float(step)), unit)
+    if value is None or value <= LARGEST_SHARE * extent or not extent > 0:
+        return
+    share = f"{100 * value / extent:.3g} % of the range" if value < extent else "the whole range"
+    shown = replace(amount, unit=amount.unit or unit_text(unit))
+    plain = amount.kind == "absolute" and not amount.unit
+    guess = f"; did you mean {amount.value:g}%?" if plain else "."
+    raise ParameterError(
+        f"{amount_text(shown)} is {share} of channel {label!r}{guess} "
+        "To allow it, add force_error=True"
+    )
+
+
+def finite(channel: Channel) -> NDArray[np.float64]:
+    """Return the finite samples of a channel, [ticks] in its unit."""
+    x = channel.samples()
+    return x[np.isfinite(x)]
+
+
+def extent_of(x: NDArray[np.float64]) -> float:
+    """The largest minus the smallest of [ticks] finite values, without glitches; 0 for none."""
+    if not x.size:
+        return 0.0
+    calm = without_glitches(x)
+    with np.errstate(over="ignore"):
+        return float(calm.max()) - float(calm.min())
 
 
 def promise_of(channel: Channel, settings: Settings, *, felt: bool | None = None) -> Promise:

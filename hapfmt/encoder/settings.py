@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil, inf, isfinite
@@ -254,6 +254,8 @@ class Settings:
         "lossless", "near-lossless", "perceptual" or "paper".
     max_error
         near-lossless: the largest error of a sample [0.1 % of the channel's range].
+    force_error
+        allow a largest error above 10 % of a channel's range.
     k
         perceptual, paper: the Weber fraction, from 0 to 1.
     floor
@@ -322,6 +324,7 @@ class Settings:
     interpolation: Interpolation = "linear"
     digest: bool = False
     max_error: Tolerance = RANGE_ERROR
+    force_error: bool = False
     vectors: Literal["possible", "required"] = "possible"
     references: bool = True
     fast: bool = False
@@ -441,6 +444,10 @@ class Settings:
                 refuse_unused(preset, option)
         return cls(preset, **chosen)  # type: ignore[arg-type]
 
+    def departures(self, names: Sequence[str]) -> list[str]:
+        """Those of the fields ``names`` that are not at their default."""
+        return [name for name in names if getattr(self, name) != _DEFAULTS[name]]
+
     @property
     def keeps_vectors(self) -> bool:
         """Whether the axes of a vector share a deadband, and so a track."""
@@ -475,6 +482,7 @@ class Settings:
         ]
         departs += [f"--felt {name}" for name in self.felt or ()]
         flags = {
+            "--force-error": self.force_error,
             "--no-texture": not self.texture,
             "--synthetic-texture": self.synthetic_texture,
             "--no-references": not self.references,
@@ -520,6 +528,7 @@ OPTIONS = {
 
 USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
     "max_error": ("max_error", ("near-lossless", "perceptual")),
+    "force_error": ("force_error=True", ("near-lossless", "perceptual")),
     "k": ("k", ("perceptual", "paper")),
     "floor": ("floor", ("perceptual", "paper")),
     "felt": ("felt", ("perceptual",)),
@@ -544,6 +553,12 @@ USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
 
 TARGETS = ("quality", "snr", "st_sim", "bitrate")
 """Options that choose the quality of textures, each in place of the others."""
+
+TEXTURE_OPTIONS = (*TARGETS, "synthetic_texture", "texture_codec", "weighting")
+"""Options that only a channel with a texture uses."""
+
+FELT_OPTIONS = ("k", "floor", "texture", "cutoff_hz", *TEXTURE_OPTIONS)
+"""Options of preset perceptual that only a felt channel uses."""
 
 _DEFAULTS: dict[str, Any] = {
     name: given.default for name, given in Settings.__dataclass_fields__.items()

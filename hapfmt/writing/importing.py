@@ -296,6 +296,7 @@ class ImportedChannel:
             unit=unit,
             kept_as="lossless" if exact else f"within {amount_text(self.settings.max_error)}",
             largest_error=self.largest_error,
+            extent=float(self.known.extent) if self.known else 0.0,
             original_bits=8 * self.source.dtype.itemsize,
         )
 
