@@ -48,7 +48,8 @@ def printable(text: str) -> str:
 
 
 OPTIONS = {
-    "max_error": "--max-error", "force_error=True": "--force-error", "k": "--k", "floor": "--floor", "felt": "--felt",
+    "max_error": "--max-error", "force_error=True": "--force-error", "k": "--k",
+    "floor": "--floor", "felt": "--felt",
     "texture=False": "--no-texture", "quality": "--quality", "snr": "--snr",
     "st_sim": "--st-sim", "bitrate": "--bitrate", "synthetic_texture=True": "--synthetic-texture",
     "texture_codec": "--texture-codec", "weighting": "--weighting",
