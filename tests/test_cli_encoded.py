@@ -240,7 +240,7 @@ def test_inspect_shows_units_as_info_does(tmp_path: Path) -> None:
         skin.attrs["fs"] = 100.0
         skin.attrs["units"] = "Newton"
         file.create_dataset("state", data=np.zeros(50)).attrs["fs"] = 100.0
-    lines = called("inspect", tmp_path / "a.h5").out.splitlines()
+    lines = called("info", tmp_path / "a.h5").out.splitlines()
     units = [line.split("  ")[1:] for line in lines if line.startswith(("skin", "state"))]
     shown = [next(cell for cell in row if cell).strip() for row in units]
     assert shown == ["N (from 'Newton')", "N", "N", "-"]
@@ -265,8 +265,8 @@ class TestOtherFiles:
     @pytest.mark.parametrize(
         "verb",
         [
-            *(["info"], ["verify"], ["du"], ["dump"], ["clocks"], ["meta"], ["attach", "--list"]),
-            *(["info", "--follow"], ["annotate", "--list"]),
+            *(["verify"], ["du"], ["dump"], ["clocks"], ["meta"], ["attach", "--list"]),
+            ["annotate", "--list"],
         ],
         ids=" ".join,
     )
@@ -292,15 +292,40 @@ class TestOtherFiles:
     def test_other_suffixes(self, tmp_path: Path) -> None:
         path = tmp_path / "a.txt"
         path.write_text("no")
-        assert f"hapfmt encode {path} {path.with_suffix('.hapf')}" in called("info", path).err
+        assert f"hapfmt encode {path} {path.with_suffix('.hapf')}" in called("verify", path).err
 
-    @pytest.mark.parametrize("verb", ["info", "verify"])
+    @pytest.mark.parametrize("verb", ["du", "verify"])
     @pytest.mark.parametrize("name", ["pic.png", "pic", "noise.txt"])
     def test_no_advice_for_what_no_reader_takes(self, tmp_path: Path, verb: str, name: str) -> None:
         (tmp_path / name).write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
         said = called(verb, tmp_path / name)
         assert said.code == 2 and "no signature [FIL-001]" in said.out + said.err
         assert "encode" not in said.out + said.err
+
+
+class TestInfo:
+    """One verb shows what a file contains, whatever its format."""
+
+    def test_the_content_decides_and_then_the_suffix(self, tmp_path: Path) -> None:
+        hapfmt.write(np.zeros(9), tmp_path / "a.hapf", rate=10)
+        (tmp_path / "a.csv").write_bytes((tmp_path / "a.hapf").read_bytes())
+        (tmp_path / "b.csv").write_text("t,x\n0,1\n1,2\n")
+        assert " hapf 1.0 " in called("info", tmp_path / "a.csv").out
+        assert called("info", tmp_path / "b.csv").out.startswith("CSV: 1 channel\n")
+        said = called("info", tmp_path / "b.csv", "--input-format", "hapf")
+        assert said.code == 2 and "no signature [FIL-001]" in said.err
+
+    def test_a_suffix_that_no_reader_takes(self, tmp_path: Path) -> None:
+        (tmp_path / "pic.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
+        said = called("info", tmp_path / "pic.png")
+        assert said.code == 1 and "the suffix '.png' is not one of: .hapf" in said.err
+
+    def test_events_of_another_format(self, tmp_path: Path) -> None:
+        channel = hapfmt.Channel(np.zeros(9), 10, label="a")
+        events = [hapfmt.Event(0.5, "slip")]
+        hapfmt.save(hapfmt.Recording((channel,), events=events), tmp_path / "a.mcap")
+        said = called("info", tmp_path / "a.mcap", "--events").out
+        assert "1 event" in said and re.search("^ *0.5  slip", said, re.M)
 
 
 class TestLabelsAndUnits:

@@ -308,7 +308,7 @@ class TestHostileText:
         ("replay", "e.hapf", "--device", "glove5", "--dry-run", "--map", NAME + "=1"),
         ("profile", "show", NAME), ("profile", "check", "bad.toml"), ("profile", "check", "glove5", "--descriptor", NAME),
         ("scene", NAME, "x4.hapf"), ("scene", "bad.toml", "x4.hapf"), ("scene", "sand", "x4.hapf", "--without", NAME),
-        ("rate", NAME, "--prepare"), ("rate", "bad.toml", "--prepare"), ("rate", "--summary", NAME),
+        ("study", NAME, "--prepare"), ("study", "bad.toml", "--prepare"), ("study", "--summary", NAME),
         ("record", "z.hapf", "--input", NAME), ("dump", "e.hapf"), ("encode", "e.npz", "-", "--input-format", NAME),
     )  # fmt: skip
 
@@ -416,15 +416,15 @@ class Terminal(io.StringIO):
 def test_the_progress_has_left_the_terminal_before_the_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from hapfmt.cli import common, inspect
+    from hapfmt.cli import common, foreign, info
 
     hapfmt.save(recording(count=2000), tmp_path / "a.mcap")
     terminal, shown = Terminal(), []
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(common, "LONG_SECONDS", -1)
     monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setattr(inspect, "show", lambda *_: shown.append(terminal.getvalue()))
-    inspect.inspect.main([str(tmp_path / "a.mcap")], standalone_mode=False)
+    monkeypatch.setattr(foreign, "show", lambda *_: shown.append(terminal.getvalue()))
+    info.info.main([str(tmp_path / "a.mcap")], standalone_mode=False)
     hide, bring_back = "\x1b[?25l", "\x1b[?25h"
     assert hide in shown[0] and shown[0].rindex(bring_back) > shown[0].rindex(hide)
     assert terminal.getvalue() == shown[0]
@@ -466,7 +466,7 @@ def test_errors_are_json_too(room: Path) -> None:
 def test_help_has_sections() -> None:
     text = called("--help").out
     places = [text.index(f"{name}:\n") for name in SECTIONS]
-    assert places == sorted(places) and len(VERBS) == 28
+    assert places == sorted(places) and len(VERBS) == 27
     for verb, what in VERBS.items():
         assert re.search(rf"^  {verb} +{re.escape(what)}$", text, re.M), verb
 

@@ -453,7 +453,7 @@ class TestThereAndBack:
 def test_command_line(tmp_path: Path) -> None:
     data, _ = foreign("edf")
     (tmp_path / "a.edf").write_bytes(data)
-    assert b"EDF: 3 channels in 2 tables, 2 events" in run("inspect", "a.edf", cwd=tmp_path).stdout
+    assert b"EDF: 3 channels, 2 events" in run("info", "a.edf", cwd=tmp_path).stdout
     for words in (["encode", "a.edf", "a.hapf"], ["convert", "a.hapf", "b.bdf"]):
         assert run(*words, cwd=tmp_path).returncode == 0
     done = run("compare", "a.edf", "b.bdf", cwd=tmp_path)

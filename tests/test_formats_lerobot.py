@@ -747,7 +747,7 @@ class TestHostile:
 
 def test_commands(tmp_path):
     v3(tmp_path / "set")
-    done = commands.run("inspect", "set", cwd=tmp_path)
+    done = commands.run("info", "set", cwd=tmp_path)
     assert done.returncode == 1 and "choose one (--episode)" in done.stderr.decode()
     assert commands.run("encode", "set", "a.hapf", "--episode", "1", cwd=tmp_path).returncode == 0
     done = commands.run("convert", "a.hapf", "again", "--output-format", "lerobot", cwd=tmp_path)

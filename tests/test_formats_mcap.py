@@ -672,7 +672,7 @@ class TestCommands:
         )
         save(recording, tmp_path / "a.npz")
         assert run("convert", "a.npz", "a.mcap", "--schema", schema, cwd=tmp_path).returncode == 0
-        found = run("inspect", "a.mcap", "--json", cwd=tmp_path)
+        found = run("info", "a.mcap", "--json", cwd=tmp_path)
         assert json.loads(found.stdout)["format"] == "mcap"
         assert run("encode", "a.mcap", "a.hapf", cwd=tmp_path).returncode == 0
         back = hapfmt.read(tmp_path / "a.hapf")

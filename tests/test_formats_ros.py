@@ -184,7 +184,7 @@ class TestTopics:
         assert recording.labels[0] == "left/ft.wrench.force.x"
         assert recording.channels[6].group == "right/ft.wrench.force"
 
-    def test_nothing_is_read_by_inspect_but_the_times(self, kind, folder):
+    def test_nothing_is_read_by_info_but_the_times(self, kind, folder):
         path, _ = wrenches(folder, kind, name="inspected")
         with imported(path) as (_, found):
             [table] = found.tables

@@ -351,8 +351,8 @@ def test_damage() -> None:
 
 def test_command_line(tmp_path: Path) -> None:
     (tmp_path / "a.xdf").write_bytes(session()[0])
-    shown = run("inspect", "a.xdf", cwd=tmp_path).stdout.decode()
-    assert "XDF: 2 channels in 1 table, 2 events" in shown
+    shown = run("info", "a.xdf", cwd=tmp_path).stdout.decode()
+    assert "XDF: 2 channels, 2 events" in shown
     assert "uV (from 'microvolts')" in shown
     assert run("encode", "a.xdf", "a.hapf", cwd=tmp_path).returncode == 0
     found, back = read(tmp_path / "a.xdf"), read(tmp_path / "a.hapf")

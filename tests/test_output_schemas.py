@@ -61,6 +61,18 @@ def outputs(path: Path) -> Iterator[tuple[str, Any]]:
     yield "verify", finite(verify(path).as_json())
 
 
+def foreign_outputs(folder: Path) -> Iterator[Any]:
+    """Of info, for other formats: with gaps, units and events, and the list of formats."""
+    events = [hapfmt.Event(1, "slip")]
+    (folder / "a.csv").write_text("t [s],fx [newton],a\n0,1,2\n1,,2\n2,3,2\n3,3,2\n")
+    recording = hapfmt.Recording((hapfmt.Channel(np.zeros(9), 10),), events=events)
+    hapfmt.save(recording, folder / "a.mcap")
+    for name in ("a.csv", "a.mcap"):
+        yield printed("info", folder / name, "--json")
+        yield printed("info", folder / name, "--json", "--events")
+    yield printed("info", "--formats", "--json")
+
+
 def printed(*words: object, code: int = 0) -> Any:
     done = commands.run(*words, cwd=Path.cwd())
     assert done.returncode == code, done.stderr
@@ -95,6 +107,12 @@ class TestOwnFiles:
         against = printed("verify", touch, "--json", "--against", touch.with_suffix(".npz.hapf"))
         check("verify", against)
         assert len(against["contracts"]) == 2
+
+    def test_info_of_other_formats(self, tmp_path):
+        for value in foreign_outputs(tmp_path):
+            check("info", value)
+            with pytest.raises(AssertionError):
+                check("info", {**value, "new": 1})
 
     def test_failures(self, tmp_path):
         for command in ("info", "verify"):
@@ -152,7 +170,7 @@ def keys(value: Any) -> Iterator[str]:
 
 @pytest.mark.deep
 @pytest.mark.parametrize("command", COMMANDS)
-def test_no_key_of_a_schema_is_idle(command, touch):
+def test_no_key_of_a_schema_is_idle(command, touch, tmp_path):
     """Each key is printed for some vector, for a growing file, or against an original."""
     found: Counter[str] = Counter()
     for path in VECTORS:
@@ -160,5 +178,7 @@ def test_no_key_of_a_schema_is_idle(command, touch):
             if name == command:
                 found.update(keys(value))
     found.update(keys(printed("info", touch, "--json", "--follow")))
+    for value in foreign_outputs(tmp_path):
+        found.update(keys(value))
     found.update(keys(printed("verify", touch, "--json", "--against", touch)))
     assert set(properties(schema(command))) - set(found) <= {"error"}

@@ -97,7 +97,7 @@ class TestThePage:
             done = hapfmt_in(tmp_path, "encode", name, "b.hapf", "-f", *more, path=glove)
             assert done.returncode == 0, done.stderr
             assert np.array_equal([c.counts for c in hapfmt.read(tmp_path / "b.hapf")], expected)
-        done = hapfmt_in(tmp_path, "inspect", "--formats", path=glove)
+        done = hapfmt_in(tmp_path, "info", "--formats", path=glove)
         assert re.search(r"^glove +\.glv +yes +yes", done.stdout, re.M)
         done = hapfmt_in(tmp_path, "convert", "grasp.glv", "g.npz", path=glove)
         assert done.returncode == 0 and len(hapfmt.read(tmp_path / "g.npz")) == 2
@@ -122,8 +122,8 @@ class TestThePage:
             capture_output=True, env={**os.environ, "PIP_DISABLE_PIP_VERSION_CHECK": "1"},
         )  # fmt: skip
         assert {"hapfmt_glove.py"} < {path.name for path in site.iterdir()}
-        done = hapfmt_in(tmp_path, "inspect", "grasp.glv", path=site)
-        assert done.returncode == 0 and "Glove: 2 channels in 1 table" in done.stdout
+        done = hapfmt_in(tmp_path, "info", "grasp.glv", path=site)
+        assert done.returncode == 0 and "Glove: 2 channels" in done.stdout
         for words in (
             "encode grasp.glv a.hapf",
             "convert grasp.glv b.hapf",
@@ -133,7 +133,7 @@ class TestThePage:
             assert done.returncode == 0, done.stderr
             back = hapfmt.read(tmp_path / words.split()[-1])
             assert back.labels == ["thumb", "index"] and back.sample_count == 3000
-        done = hapfmt_in(tmp_path, "inspect", "grasp.glv", path=tmp_path)
+        done = hapfmt_in(tmp_path, "info", "grasp.glv", path=tmp_path)
         assert done.returncode == 2 and "Glove" not in done.stdout
 
     def test_files_with_faults(self, glove: Path, tmp_path: Path):

@@ -134,7 +134,7 @@ class TestManualPages:
             found = text.partition(".SH EXIT STATUS\n")[2].partition(".SH")[0]
             assert (".B 0\ndone" in found) == (name != "hapfmt"), name
             assert (".B 6\ndevice lost" in found) == name.startswith(
-                ("hapfmt-replay", "hapfmt-rate")
+                ("hapfmt-replay", "hapfmt-study")
             )
 
     def test_mandoc_finds_no_fault(self, folder):

@@ -23,17 +23,13 @@ SECTIONS = {
         "encode": "Encode a recording into a .hapf file",
         "decode": "Decode a .hapf file, or a part of it",
         "convert": "Convert between formats",
-        "inspect": "Show what another format holds",
-    },
-    "Inspect": {
-        "info": "Show what a file contains",
+        "info": "Show what a file of any format contains",
         "verify": "Check a file, and its error bounds against the original",
+    },
+    "Look": {
         "compare": "Compare two recordings, channel by channel",
         "plot": "Draw a recording",
         "view": "Show recordings in the browser",
-        "du": "Show where the bytes of a file go",
-        "dump": "Print a whole file as JSON",
-        "clocks": "Show offset, drift and jitter of other clocks",
     },
     "Edit": {
         "subset": "Copy some channels or a stretch of time",
@@ -57,7 +53,12 @@ SECTIONS = {
     "Research": {
         "demo": "Simulate a stylus, encode it, show the sizes",
         "scene": "Simulate textures, a wall, taps or a grasp",
-        "rate": "Run a study in which people rate what they feel",
+        "study": "Run a study in which people rate what they feel",
+    },
+    "Inside a file": {
+        "du": "Show where the bytes of a file go",
+        "dump": "Print a whole file as JSON",
+        "clocks": "Show offset, drift and jitter of other clocks",
     },
 }
 VERBS = {verb: text for verbs in SECTIONS.values() for verb, text in verbs.items()}
@@ -71,7 +72,7 @@ RENAMED = {
     "--to": {"attach": "--output", "replay": "--stop", "": "--output-format"},
     "--time": {"": "--start and --stop"},
     "--out": {"": "--output"},
-    "--channels": {"replay": "--map", "rate": "--map"},
+    "--channels": {"replay": "--map", "study": "--map"},
     "--window": {"clocks": "--segment"},
     "--device": {"check": "--path"},
 }

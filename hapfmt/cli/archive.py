@@ -178,7 +178,7 @@ READING = ("rate", "transpose", "select", "clock", "episode", "map", "keep_stamp
     "--output-format",
     metavar="FORMAT",
     required=True,
-    help="Format of the outputs: hapf, npz, csv, mcap ... ('hapfmt inspect --formats' lists all).",
+    help="Format of the outputs: hapf, npz, csv, mcap ... ('hapfmt info --formats' lists all).",
 )
 @import_options
 @input_format_option

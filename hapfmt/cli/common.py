@@ -104,7 +104,7 @@ input_format_option = click.option(
     "--input-format",
     metavar="FORMAT",
     help="Format of the input, if its name does not say: npz, csv, mcap ... "
-    "('hapfmt inspect --formats' lists all).",
+    "('hapfmt info --formats' lists all).",
 )
 
 

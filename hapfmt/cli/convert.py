@@ -67,7 +67,7 @@ def convert(
     **given: Any,
 ) -> int:
     """Convert IN to OUT by their suffixes: .hapf, .npz, .csv, .wav, .mcap, .parquet, .h5, .mat and
-    others. hapfmt inspect --formats lists all. --select also chooses channels of a .hapf file.
+    others. hapfmt info --formats lists all. --select also chooses channels of a .hapf file.
 
     A .hapf output is lossless (hapfmt encode has presets). If the output format cannot hold
     something, a note on standard error names it.

@@ -73,7 +73,7 @@ def decode(
     threads: int | None,
     max_memory: Limits,
 ) -> int:
-    """Decode the .hapf file IN into OUT: .npz, .npy, .csv, .wav and others, which hapfmt inspect
+    """Decode the .hapf file IN into OUT: .npz, .npy, .csv, .wav and others, which hapfmt info
     --formats lists. Gaps become NaN.
 
     If the file is damaged, lost samples become gaps, the losses are printed, and the exit code

@@ -489,7 +489,7 @@ def encode(
     **given: Any,
 ) -> int:
     """Encode the recording IN into OUT. IN is .npz, .npy, .csv, .wav or .hapf, or a file of ROS,
-    MCAP, HDF5, MAT, Parquet, TDMS, EDF and others: hapfmt inspect --formats lists all.
+    MCAP, HDF5, MAT, Parquet, TDMS, EDF and others: hapfmt info --formats lists all.
 
     \b
     hapfmt encode touch.npz touch.hapf

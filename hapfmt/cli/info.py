@@ -1,4 +1,4 @@
-"""hapfmt info: prints the contents of a file without loading NumPy or any codec.
+"""hapfmt info: prints the contents of a file; of a .hapf file without loading NumPy or any codec.
 
 With --follow it prints one line at each look at a growing file.
 """
@@ -9,8 +9,8 @@ import json
 import sys
 import time
 from collections import Counter
-from fractions import Fraction
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 from uuid import UUID
 
@@ -26,8 +26,20 @@ from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError, TrackPai
 from ..reading.follow import Follower
 from ..reading.opening import open_catalogue
 from ..units import unit_text
-from .common import echo_json, input_of, json_option, memory_option, schema_option, tell_some
+from .common import (
+    HAPF,
+    echo_json,
+    import_options,
+    input_format_option,
+    input_of,
+    json_option,
+    memory_option,
+    options_by_input,
+    schema_option,
+    tell_some,
+)
 from .encode import bound_text
+from .foreign import events_json, show_events, show_foreign, show_formats
 from .screen import JOINED, Column, Verb, clipped, complain, raw, say, table, width_of
 
 
@@ -99,47 +111,83 @@ SHOWN_CHARACTERS = 160
 
 
 @click.command(cls=Verb)
-@click.argument("file", metavar="FILE")
-@click.option("--events", "with_events", is_flag=True, help="List the events too.")
-@click.option("--follow", is_flag=True, help="Print a line each second while FILE grows.")
+@click.argument("file", metavar="FILE", required=False)
+@click.option("--formats", is_flag=True, help="List the formats and stop.")
+@click.option("--events", is_flag=True, help="List the events too.")
+@click.option("--follow", is_flag=True, help="Print a line each second while a .hapf FILE grows.")
 @click.option(
     "--interval",
     type=click.FloatRange(0.01),
     metavar="S",
-    default=1.0,
-    show_default=True,
-    help="Seconds between the lines of --follow.",
+    help="Seconds between the lines of --follow. [1]",
 )
+@import_options
+@input_format_option
 @memory_option
 @json_option
 @schema_option
 def info(
-    file: str,
-    with_events: bool,
+    file: str | None,
+    formats: bool,
+    events: bool,
     follow: bool,
-    interval: float,
+    interval: float | None,
+    input_format: str | None,
     as_json: bool,
     max_memory: Limits,
+    **given: Any,
 ) -> int:
-    """Print what FILE contains: channels, rates, units, codecs, times, and whether it was closed.
+    """Print what FILE contains: channels, rates, units and times. A .hapf file also has codecs and
+    error bounds, and may be closed or not.
 
     Only the index and the descriptions are read; only --events decodes anything. FILE may be a
     URL. --follow ends when the file is closed, or with Ctrl-C.
 
+    For a file of another format, the channels are those that encode makes. The options are those
+    of encode: try them here first.
+
     \b
     hapfmt info touch.hapf
     hapfmt info touch.hapf --events
-    hapfmt info touch.hapf --json
+    hapfmt info session.mcap --select /wrench --clock log
+    hapfmt info --formats
     """
+    if formats:
+        if file is not None:
+            raise ParameterError("--formats takes no FILE")
+        return show_formats(as_json)
+    if file is None:
+        raise ParameterError("give FILE, or --formats")
+    if interval is not None and not follow:
+        raise ParameterError("--interval requires --follow")
+    if not is_hapf(file, input_format):
+        if follow:
+            raise ParameterError("--follow requires a .hapf file", path=file)
+        return show_foreign(file, input_format, events, as_json, max_memory, **given)
+    options_by_input((file,), HAPF, given)  # a .hapf file takes none of them
     if follow:
-        return follow_file(file, interval, as_json)
-    look = with_its_events if with_events else described
+        if events:
+            raise ParameterError("give one of --events and --follow")
+        return follow_file(file, 1 if interval is None else interval, as_json)
+    look = with_its_events if events else described
     catalogue, found = look(file, max_memory)
     if as_json:
         echo_json(found)
     else:
         show(file, catalogue, found)
     return int(found["exit_code"])
+
+
+def is_hapf(file: str, input_format: str | None) -> bool:
+    """Whether FILE is read as a .hapf file: without another format, suffix or content."""
+    if input_format is None:
+        path = Path(file)
+        found = path.is_file() or path.is_dir() or "://" in file
+        if not found or path.suffix.lower() == HAPF:
+            return True
+    from ..convert import format_of
+
+    return format_of(file, input_format) is None
 
 
 def described(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any]]:
@@ -159,17 +207,17 @@ def with_its_events(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any
     from ..reading.reader import Reader
 
     with Reader(input_of(file), limits=limits) as reader:
-        rows = [
-            {**vars(event), "time": str(event.time), "duration": str(event.duration)}
-            for event in reader.events()
-        ]
-        return reader.catalogue, {**describe(reader.catalogue), "events": rows}
+        return reader.catalogue, {
+            **describe(reader.catalogue),
+            "events": events_json(reader.events()),
+        }
 
 
 def describe(catalogue: Catalogue) -> dict[str, Any]:
     """All facts of info, for JSON."""
     head = catalogue.head
     return {
+        "format": "hapf",
         "file_size": catalogue.source.size,
         "version": f"{head.major}.{head.minor}" if head else None,
         "level": catalogue.level.number,
@@ -310,9 +358,7 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
         mapped = f", mapped by {counted(points, 'point')}" if points else ""
         count = counted(clock["observation_count"], "observation")
         say(f"clock: {clock['clock']} ({count} by {ticks}{mapped})")
-    if found.get("events"):
-        rows = [event_row(event) for event in found["events"]]
-        table(["time, s", "text", "duration, s", "channel", "layer"], rows)
+    show_events(found.get("events", ()))
     for key, value in catalogue.metadata.items():
         for text in metadata_texts(key, value):
             say(text)
@@ -372,12 +418,6 @@ def source_unit_texts(units: dict[str, Any]) -> list[str]:
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         lines.append(f"source unit {text!r}: {shown}{more}")
     return lines
-
-
-def event_row(event: dict[str, Any]) -> list[str]:
-    channel = "-" if event["channel"] is None else str(event["channel"])
-    at, duration = (f"{float(Fraction(event[name])):.9g}" for name in ("time", "duration"))
-    return [at, event["text"], duration, channel, event["layer"]]
 
 
 def channel_row(ref: ChannelRef) -> list[str]:

@@ -489,7 +489,7 @@ GROUPS = {
     ),
 }
 """Where an option is shown; all others come first."""
-OPTIONS = "Options"
+OTHERS = "Options"
 
 
 class Text(click.types.StringParamType):
@@ -537,7 +537,7 @@ class Verb(click.Command):
         return texts, examples
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        groups: dict[str, list[tuple[str, str]]] = {OPTIONS: [], **{name: [] for name in GROUPS}}
+        groups: dict[str, list[tuple[str, str]]] = {OTHERS: [], **{name: [] for name in GROUPS}}
         for name, record in self.records(ctx):
             groups[name].append(record)
         for name, records in groups.items():
@@ -551,4 +551,4 @@ class Verb(click.Command):
             record = param.get_help_record(ctx) if isinstance(param, click.Option) else None
             if record is not None:
                 found = (name for name, ours in GROUPS.items() if set(ours) & set(param.opts))
-                yield next(found, OPTIONS), record
+                yield next(found, OTHERS), record

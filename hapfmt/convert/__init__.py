@@ -93,7 +93,7 @@ def read(
     max_memory: int | None = None,
     progress: Advance | None = None,
 ) -> Recording:
-    """The recording in a file of any format: .hapf, and those that ``hapfmt inspect --formats``
+    """The recording in a file of any format: .hapf, and those that ``hapfmt info --formats``
     lists.
 
     ``file`` is a path, a URL (extra "remote"), bytes, or a binary stream. ``format`` names its
@@ -336,6 +336,12 @@ def _format_of(source: Source, format: str | None) -> Format | None:
         hint = f"; load its arrays with {way}, then call hapfmt.write(array, ...)" if way else ""
         raise ParameterError(f"the suffix {source.suffix!r} is not one of: {known}{hint}")
     return found  # where it is None, the reader of .hapf says what is wrong
+
+
+def format_of(file: str, format: str | None = None) -> Format | None:
+    """Return the format of a file by its content and suffix; None: a .hapf file."""
+    with _named(file), _source(file, None) as source:
+        return _format_of(source, format)
 
 
 MAGIC = b"\x8fHAP"

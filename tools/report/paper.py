@@ -366,7 +366,7 @@ def differences(points: dict[str, list[Point]]) -> tuple[Any, list[Any]]:
          f"HF SNR {three(lambda found: at(found, 20, 5).snr_db)} dB at 20 %, "
          f"{three(lambda found: at(found, most, 5).snr_db)} dB at {most:g} %"),
         ("Fig. 5, rating", "0-100 by subjects", "the paper", "none",
-         "only people can rate: `hapfmt rate`. The report has measures, and no mapping from them "
+         "only people can rate: `hapfmt study`. The report has measures, and no mapping from them "
          "to a rating, since nothing justifies one"),
     ]  # fmt: skip
     return ("what", "paper", "source", "here: stone, sand, cork", "why, or what is not known"), rows

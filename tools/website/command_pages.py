@@ -17,7 +17,7 @@ CODE_OR_MARK = r"'(hapfmt [^']+)'|(?<![\w-])((?:hapfmt [a-z]+ )?--[a-z][\w-]*)|(
 HELP = cli.context_settings["help_option_names"]
 REPLAY = {"5", "6", "128 + n"}
 """Exit codes of commands that drive a device."""
-DRIVE = {"replay", "rate"}
+DRIVE = {"replay", "study"}
 
 
 def navigation() -> list[Any]:

@@ -280,7 +280,7 @@ BITS = (2, 5, 8)
 
 HEAD = """\
 # A study: how near do these come to the reference? Edit it before the first answer; every key is
-# explained in docs/studies.md. hapfmt rate {file} --prepare makes the files and shows their sizes.
+# explained in docs/studies.md. hapfmt study {file} --prepare makes the files and shows their sizes.
 name = {name}
 question = "How close does this feel to the reference?"
 seed = 1

@@ -1,62 +1,33 @@
-"""hapfmt inspect: shows the contents of a file in another format, and the channels it gives."""
+"""What hapfmt info shows of other formats: the contents of a file, and the list of formats."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-import click
-
-from ..errors import ParameterError
 from ..limits import Limits
 from ..numbers import counted
 from ..units import unit_text
-from .common import (
-    asked_of,
-    echo_json,
-    import_options,
-    input_format_option,
-    input_of,
-    json_option,
-    memory_option,
-    progress,
-)
-from .screen import Column, Verb, note, say, table
+from .common import asked_of, echo_json, input_of, progress
+from .screen import Column, note, say, table
 
 if TYPE_CHECKING:
     from ..convert.formats import Format
     from ..convert.tables import Import, ImportTable
+    from ..recording import Event
 
 
-@click.command(cls=Verb)
-@click.argument("file", metavar="FILE", required=False)
-@click.option("--formats", "list_formats", is_flag=True, help="List the formats and stop.")
-@import_options
-@input_format_option
-@memory_option
-@json_option
-def inspect(
-    file: str | None,
-    list_formats: bool,
+def show_foreign(
+    file: str,
     input_format: str | None,
+    events: bool,
     as_json: bool,
     max_memory: Limits,
     **given: Any,
 ) -> int:
-    """Show the contents of FILE, a recording in another format, and the channels that encode gets.
-
-    Nothing is converted. The options are those of encode: try them here first.
-
-    \b
-    hapfmt inspect session.mcap
-    hapfmt inspect session.mcap --select /wrench --clock log
-    hapfmt inspect --formats
-    """
-    if list_formats:
-        show_formats(as_json)
-        return 0
-    if file is None:
-        raise ParameterError("give FILE, or --formats")
+    """Print what a file of another format contains; no values are read."""
     from ..convert import imported
 
     with ExitStack() as bar:
@@ -67,13 +38,34 @@ def inspect(
         ) as (chosen, found):  # fmt: skip
             bar.close()  # before anything is printed
             if as_json:
-                echo_json(import_json(chosen, found))
+                listed = {"events": events_json(found.events)} if events else {}
+                echo_json(import_json(chosen, found) | listed)
             else:
-                show(chosen, found)
+                show(chosen, found, events)
     return 0
 
 
-def show_formats(as_json: bool) -> None:
+def events_json(events: Iterable[Event]) -> list[dict[str, Any]]:
+    return [
+        {**vars(event), "time": str(event.time), "duration": str(event.duration)}
+        for event in events
+    ]
+
+
+def show_events(events: Sequence[dict[str, Any]]) -> None:
+    """Print a table of the events of a file, if it has any."""
+    if events:
+        headers = ["time, s", "text", "duration, s", "channel", "layer"]
+        table(headers, [event_row(event) for event in events])
+
+
+def event_row(event: dict[str, Any]) -> list[str]:
+    channel = "-" if event["channel"] is None else str(event["channel"])
+    at, duration = (f"{float(Fraction(event[name])):.9g}" for name in ("time", "duration"))
+    return [at, event["text"], duration, channel, event["layer"]]
+
+
+def show_formats(as_json: bool) -> int:
     from ..convert.formats import formats
 
     rows = [
@@ -89,7 +81,7 @@ def show_formats(as_json: bool) -> None:
     ]
     if as_json:
         echo_json({"formats": rows})
-        return
+        return 0
     cells = [
         [
             one.name,
@@ -104,9 +96,10 @@ def show_formats(as_json: bool) -> None:
         Column("format"), Column("files"), Column("reads"), Column("writes"), Column("options", 1),
     ]  # fmt: skip
     table(headers, cells)
+    return 0
 
 
-def show(chosen: Format, found: Import) -> None:
+def show(chosen: Format, found: Import, events: bool) -> None:
     labels = iter(found.labels)
     rows = []
     for each in found.tables:
@@ -131,9 +124,11 @@ def show(chosen: Format, found: Import) -> None:
         Column("from", 1),
     ]  # fmt: skip
     count = counted(len(rows), "channel")
-    events = f", {counted(len(found.events), 'event')}" if found.events else ""
-    say(f"{chosen.title}: {count} in {counted(len(found.tables), 'table')}{events}")
+    more = f", {counted(len(found.events), 'event')}" if found.events else ""
+    say(f"{chosen.title}: {count}{more}")
     table(headers, rows)
+    if events:
+        show_events(events_json(found.events))
     for each_note in found.all_notes:
         note(each_note)
 

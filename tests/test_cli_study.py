@@ -1,4 +1,4 @@
-"""hapfmt rate, in a terminal and on pipes: whole sessions, crashes, wrong words, summaries."""
+"""hapfmt study, in a terminal and on pipes: whole sessions, crashes, wrong words, summaries."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def room(prepared: Path, tmp_path: Path) -> Path:
 
 
 def asked(room: Path, subject: str, words: str, *more: object):
-    return run("rate", "study.toml", "--subject", subject, "--dry-run", *more, cwd=room,
+    return run("study", "study.toml", "--subject", subject, "--dry-run", *more, cwd=room,
                stdin=words.encode())  # fmt: skip
 
 
@@ -131,7 +131,7 @@ needs_terminal = pytest.mark.skipif(os.name == "nt", reason="terminals of POSIX"
 @needs_terminal
 class TestTerminal:
     def start(self, room: Path, subject: str = "S1") -> Terminal:
-        return Terminal(room, "rate", "study.toml", "--subject", subject, "--dry-run")
+        return Terminal(room, "study", "study.toml", "--subject", subject, "--dry-run")
 
     def test_a_whole_session(self, room):
         with self.start(room) as terminal:
@@ -236,7 +236,7 @@ class TestTerminal:
         frames = room / "frames"
         config = {"kind": "loopback", "file": str(frames)}
         first = f"import hapfmt.lab.study.outputs as o; o.find_device = lambda *_: {config}"
-        words = ["rate", "study.toml", "--subject", "S1", "--device", "glove.toml"]
+        words = ["study", "study.toml", "--subject", "S1", "--device", "glove.toml"]
         words += ["--map", "0=thumb", "--no-watchdog"]
         with Terminal(room, *words, first=first) as terminal:
             terminal.until("question 1 of 3\n> ")
@@ -265,7 +265,7 @@ class TestPipes:
             assert done.returncode == 0, done.stderr
             assert b"Done. Thank you." in done.stdout
         files = [f"study-answers/{subject}.jsonl" for subject in ("S1", "S2")]
-        said = run("rate", "--summary", *files, "--json", cwd=room)
+        said = run("study", "--summary", *files, "--json", cwd=room)
         found = json.loads(said.stdout)
         rows = {row["condition"]: row for row in found["all"]}
         assert [rows[name]["rating"]["mean"] for name in names] == [92.5, 60, 15]
@@ -273,19 +273,19 @@ class TestPipes:
         halves = [rows[name]["rating"]["high"] - rows[name]["rating"]["mean"] for name in names]
         assert halves == pytest.approx([31.7655, 127.062, 63.531], rel=1e-5)
         assert rows["b5"]["difference"]["mean"] == -32.5 and found["screened"] == found["all"]
-        text = run("rate", "--summary", *files, cwd=room)
+        text = run("study", "--summary", *files, cwd=room)
         assert (
             b"textures: 2 subjects" in text.stdout and b"no subject rated the hidden" in text.stdout
         )
         assert b"nothing was felt by S1, S2: a dry run" in text.stderr
-        lines = run("rate", "--summary", *files, "--csv", cwd=room).stdout.decode()
+        lines = run("study", "--summary", *files, "--csv", cwd=room).stdout.decode()
         table = list(csv.DictReader(io.StringIO(lines)))
         assert [float(row["mean"]) for row in table] == [92.5, 60, 15] * 2
         pytest.importorskip("matplotlib")
         paths = [room / each for each in files]
-        assert called("rate", "--summary", *paths, "--plot", room / "o.svg").code == 0
+        assert called("study", "--summary", *paths, "--plot", room / "o.svg").code == 0
         assert b"<svg" in (room / "o.svg").read_bytes()
-        assert called("rate", "--summary", *paths, "--plot", room / "o.svg").code == 1
+        assert called("study", "--summary", *paths, "--plot", room / "o.svg").code == 1
 
     def order(self, room: Path, subject: str) -> list[str]:
         return [each.condition for each in order(load_study(room / "study.toml"), subject)]
@@ -304,17 +304,17 @@ class TestPipes:
 
     def test_a_device_is_rehearsed(self, room):
         words = "p\n50\n" * 3
-        done = run("rate", "study.toml", "--subject", "S1", "--device", "glove5", "--dry-run",
+        done = run("study", "study.toml", "--subject", "S1", "--device", "glove5", "--dry-run",
                    "--map", "0=1", cwd=room, stdin=words.encode())  # fmt: skip
         assert done.returncode == 0 and b"3 of 3 answers" in done.stdout
         output = answers(room, "S1").head["output"]
         assert (output["kind"], output["profile"]) == ("dry-run", "glove5")
 
     def test_new_and_prepare(self, room):
-        done = run("rate", "--new", "a.toml", "sand.hapf", cwd=room)
+        done = run("study", "--new", "a.toml", "sand.hapf", cwd=room)
         assert b"1 session of 11 conditions" in done.stdout
-        assert run("rate", "--new", "a.toml", "sand.hapf", cwd=room).returncode == 1
-        said = run("rate", "a.toml", "--prepare", "--json", cwd=room)
+        assert run("study", "--new", "a.toml", "sand.hapf", cwd=room).returncode == 1
+        said = run("study", "a.toml", "--prepare", "--json", cwd=room)
         sizes = {
             each["condition"]: each["file_size"] for each in json.loads(said.stdout)["stimuli"]
         }
@@ -341,7 +341,7 @@ class TestPipes:
         ],
     )
     def test_refused(self, room, words, told):
-        done = run("rate", *words, cwd=room)
+        done = run("study", *words, cwd=room)
         assert done.returncode == 1 and told in done.stderr.decode()
         assert not (room / "study-answers").exists()
 
@@ -374,7 +374,7 @@ class TestFilesWithoutEnd:
 
     @staticmethod
     def refused(*words) -> str:
-        said = called("rate", *words)
+        said = called("study", *words)
         assert said.code == 1 and "Traceback" not in said.err, said
         return said.err
 
@@ -406,7 +406,7 @@ class TestFilesWithoutEnd:
         told = json.loads(manifest.read_text())
         told["stimuli"][0]["path"] = endless
         manifest.write_text(json.dumps(told))
-        assert called("rate", "study.toml", "--prepare").code == 0
+        assert called("study", "study.toml", "--prepare").code == 0
         assert endless not in manifest.read_text()
 
 
@@ -419,7 +419,7 @@ def test_texts_of_a_study_cannot_steer_the_terminal(room):
                          f'scale = ["a{ESCAPES}", "b", "c", "d", "e"]')  # fmt: skip
     text = text.replace('name = "sand"', f'name = "sand{ESCAPES}"')
     (room / "study.toml").write_text(text)
-    with Terminal(room, "rate", "study.toml", "--subject", "S1", "--dry-run") as terminal:
+    with Terminal(room, "study", "study.toml", "--subject", "S1", "--dry-run") as terminal:
         for word in ("p", "50\r", "?", "q"):
             terminal.until("> ")
             terminal.type(word)

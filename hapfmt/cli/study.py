@@ -1,4 +1,4 @@
-"""hapfmt rate: asks one subject for ratings, on a terminal or through a pipe.
+"""hapfmt study: asks one subject for ratings, on a terminal or through a pipe.
 
 On a terminal, r, p and a act at once, and so does any key on an empty line. A number is a line,
 ended by Enter. Through a pipe every input is a line, and the end of the input counts as q.
@@ -275,7 +275,7 @@ INTERRUPTED = 130
 @click.option("--csv", "as_csv", is_flag=True, help="With --summary: print CSV.")
 @force_option
 @json_option
-def rate(
+def study(
     files: tuple[str, ...],
     subject: str | None,
     new: bool,
@@ -294,10 +294,10 @@ def rate(
     write and run a study, docs/safety.md what a device can do to a hand.
 
     \b
-    hapfmt rate --new study.toml sand.hapf cork.hapf
-    hapfmt rate study.toml --prepare
-    hapfmt rate study.toml --subject S07 --device glove5
-    hapfmt rate --summary study-answers/*.jsonl --plot opinions.png
+    hapfmt study --new study.toml sand.hapf cork.hapf
+    hapfmt study study.toml --prepare
+    hapfmt study study.toml --subject S07 --device glove5
+    hapfmt study --summary study-answers/*.jsonl --plot opinions.png
 
     Every answer is on the disk before the next question. After Ctrl-C, the same command continues
     where it stopped.
