@@ -683,9 +683,9 @@ def encoder_settings(draw):
     quantiser = draw(
         st.sampled_from(
             [{"bits": 0}, {"bits": 5}, {"step": Tolerance(1, "lsb")}, {"preset": "lossless"},
-             {"preset": "perceptual"}, {"preset": "perceptual", "texture": False},
+             {"preset": "perceptual"}, {"preset": "perceptual", "felt": "all"},
              {"preset": "perceptual", "texture": False, "felt": "all"},
-             {"preset": "near-lossless", "max_error": Tolerance(7, "lsb")},
+             {"preset": "near-lossless", "max_error": Tolerance(7, "lsb"), "force_error": True},
              {"preset": "near-lossless"}]
         )
     )  # fmt: skip
@@ -694,7 +694,7 @@ def encoder_settings(draw):
         [Tolerance(0.5, "lsb"), Tolerance(10, "lsb"), Tolerance(0.01, "range")]
     )
     given = {}
-    if preset in ("perceptual", "paper"):
+    if preset == "paper" or "felt" in quantiser:
         given["k"] = draw(st.sampled_from([Fraction(0), Fraction(1, 10), Fraction(1)]))
         given["floor"] = draw(floors)
     if preset == "paper":

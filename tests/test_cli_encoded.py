@@ -36,12 +36,13 @@ def test_a_line_for_each_channel_with_its_error_in_its_unit(tmp_path: Path) -> N
     words = (source, tmp_path / "o.hapf", "--preset", "near-lossless", "--max-error", "0.004")
     lines = lines_of(*words)
     assert re.split(r"  +", lines[0]) == [
-        "label", "kept as", "bits/sample", "bytes", "largest error"
+        "label", "kept as", "bits/sample", "bytes", "largest error", "% of range"
     ]  # fmt: skip
     back = hapfmt.read(tmp_path / "o.hapf")
     for place, line in enumerate(lines[2:5]):
-        label, _, bits, size, error = re.split(r"  +", line)
+        label, _, bits, size, error, share = re.split(r"  +", line)
         worst = np.abs(back[label].to_numpy() - counts(3)[place]).max()
+        assert float(share) == pytest.approx(100 * worst / np.ptp(counts(3)[place]), rel=0.01)
         assert error == f"{worst:.3g} N" and worst <= 0.004 * (1 + 1e-12)
         assert float(bits) == pytest.approx(8 * int(size) / 3000, abs=0.005)
     told = json.loads(called("encode", *words, "-f", "--json").out)["channels"]

@@ -45,6 +45,7 @@ def noise(size: int, width: int = 300, seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).integers(-width, width, size)
 
 
+@pytest.mark.filterwarnings("ignore:no channel is known to be felt")
 class TestAnyRecording:
     @given(recordings(), encoder_settings())
     def test_comes_back_and_keeps_its_promises(self, recording, settings):

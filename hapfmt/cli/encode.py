@@ -45,7 +45,7 @@ from .common import (
     threads_option,
     unit_option,
 )
-from .screen import JOINED, Column, Verb, note, percent, say, table
+from .screen import JOINED, Column, Verb, note, say, table
 
 if TYPE_CHECKING:
     from ..encoder.encode import Decision
@@ -99,7 +99,7 @@ class ChannelRow:
     sample_count: int
     size: int
     largest_error: float
-    extent: float
+    relative_error: float
     snr_db: float | None
     st_sim: float | None
 
@@ -112,6 +112,13 @@ class ChannelRow:
             return ""
         return "exact" if self.snr_db > EXACT_DB else f"{self.snr_db:.1f}{JOINED}dB"
 
+    @property
+    def percent(self) -> str:
+        """The largest error in percent of the range; "-" where there is no range."""
+        if self.largest_error and not self.relative_error:
+            return "-"
+        return f"{100 * self.relative_error:.3g}"
+
     def cells(self) -> list[str]:
         error = amount(self.largest_error, self.unit) if self.largest_error else "0"
         return [
@@ -120,7 +127,7 @@ class ChannelRow:
             f"{8 * self.size / self.sample_count:.2f}" if self.sample_count else "-",
             str(self.size),
             error,
-            percent(self.largest_error, self.extent),
+            self.percent,
             self.texture,
         ]
 
@@ -175,7 +182,7 @@ def row_of(each: Decision) -> ChannelRow:
         each.sample_count,
         each.size,
         each.largest_error,
-        each.extent,
+        each.relative_error,
         each.snr_db,
         each.st_sim,
     )
@@ -220,14 +227,10 @@ def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
             sample_count=sum(row.sample_count for row in members),
             size=sum(row.size for row in members),
             largest_error=max(row.largest_error for row in members),
-            extent=max(members, key=lambda row: share_of(row.largest_error, row.extent)).extent,
+            relative_error=max(row.relative_error for row in members),
             snr_db=least(row.snr_db for row in members),
             st_sim=least(row.st_sim for row in members),
         )
-
-
-def share_of(error: float, whole: float) -> float:
-    return error / whole if whole > 0 else 0.0
 
 
 def least(values: Iterable[float | None]) -> float | None:

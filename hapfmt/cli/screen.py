@@ -15,7 +15,6 @@ import re
 import sys
 import unicodedata
 from collections.abc import Iterator, Sequence
-from math import inf
 from typing import Any, BinaryIO, NamedTuple
 
 import click
@@ -47,41 +46,29 @@ def printable(text: str) -> str:
     )
 
 
-OPTIONS = {
-    "max_error": "--max-error", "force_error=True": "--force-error", "k": "--k",
-    "floor": "--floor", "felt": "--felt",
-    "texture=False": "--no-texture", "quality": "--quality", "snr": "--snr",
-    "st_sim": "--st-sim", "bitrate": "--bitrate", "synthetic_texture=True": "--synthetic-texture",
-    "texture_codec": "--texture-codec", "weighting": "--weighting",
-    "bits": "--bits", "step": "--step",
-    "cutoff_hz": "--cutoff", "interpolation": "--interpolation",
-    "tolerance": "--tolerance", "vectors": "--vector",
-    "references=False": "--no-references", "fast=True": "--fast",
-}  # fmt: skip
-"""Options of the encoder in Python -> on the command line."""
-
 IN_OPTIONS = {
     **{
-        f"{name}{verb}": f"{option}{verb}"
-        for name, option in OPTIONS.items()
-        for verb in (" requires ", " would do nothing")
+        f"{name}{verb}": f"--{name.replace('vectors', 'vector')}{verb}"
+        for name in (
+            "k", "floor", "felt", "quality", "snr", "bitrate", "weighting", "bits", "step",
+            "interpolation", "tolerance", "vectors",
+        )
+        for verb in (" requires ", " would do nothing", " does nothing")
     },
+    "max_error": "--max-error", "force_error=True": "--force-error", "st_sim": "--st-sim",
+    "texture=False": "--no-texture", "synthetic_texture=True": "--synthetic-texture",
+    "texture_codec": "--texture-codec", "cutoff_hz": "--cutoff",
+    "references=False": "--no-references", "fast=True": "--fast",
     "add unit='N' or felt='all'": "add --unit N or --felt all",
-    "add force_error=True": "add --force-error",
     "; use force=True to ": "; use --force to ",
     "hapfmt.Reader reads what is intact; hapfmt.recover(file, into) writes an intact copy": (
         "hapfmt decode gives what is intact; hapfmt recover writes an intact copy"
     ),
     "fetch the file first, or let it be copied: Reader(url, spool=True)": "fetch the file first",
-    "requires texture=False": "requires --no-texture",
-    "texture=False leaves": "--no-texture leaves",
-    "texture_codec needs": "--texture-codec needs",
     "give one of quality, snr, st_sim, bitrate": (
         "give one of --quality, --snr, --st-sim, --bitrate"
     ),
     "with texture=False and felt='all'": "--no-texture --felt all",
-    "with texture=False": "with --no-texture",
-    "with references=False": "with --no-references",
     "(max_memory=)": "(--max-memory)",
     "(rate=)": "(--rate)",
     "(file_id=)": "(--file-id)",
@@ -111,24 +98,19 @@ IN_OPTIONS = {
 """Words of errors for Python -> for the command line."""
 
 
-_KEYWORDS = re.compile(
-    "|".join(
-        (r"(?<![\w-])" if keyword[0].isalnum() else "") + re.escape(keyword)
-        for keyword in sorted(IN_OPTIONS, key=len, reverse=True)
-    )
-)
+def pattern_of(keyword: str) -> str:
+    """Return a pattern of a keyword in Python, which its translation does not fit."""
+    start = r"(?<![\w-])" if keyword[0].isalnum() else ""
+    _, same, added = IN_OPTIONS[keyword].partition(keyword)
+    return start + re.escape(keyword) + (f"(?!{re.escape(added)})" if same and added else "")
+
+
+_KEYWORDS = re.compile("|".join(map(pattern_of, sorted(IN_OPTIONS, key=len, reverse=True))))
 
 
 def in_options(text: str) -> str:
     """Return a message of the package with options in place of keywords."""
     return _KEYWORDS.sub(lambda match: IN_OPTIONS[match[0]], text)
-
-
-def percent(error: float, whole: float) -> str:
-    """Return an error in percent of a whole, as text; "-" where there is no whole."""
-    if not error:
-        return "0"
-    return f"{100 * (error / whole):.3g}" if 0 < whole < inf else "-"
 
 
 def say(text: str = "", *, err: bool = False, whole: bool = False) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -26,7 +27,7 @@ from .common import (
     way_out,
 )
 from .encode import amount, bound_text
-from .screen import Column, Verb, complain, percent, say, table
+from .screen import Column, Verb, complain, say, table
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -153,3 +154,10 @@ def of_bound(check: ContractCheck) -> str:
     if check.contract:
         return f"{100 * float(check.worst_ratio):.1f}"
     return percent(check.largest_error, check.stated)
+
+
+def percent(error: float, whole: float) -> str:
+    """Return an error in percent of a whole, as text; "-" where there is no whole."""
+    if not error:
+        return "0"
+    return f"{100 * (error / whole):.3g}" if 0 < whole < inf else "-"

@@ -13,6 +13,7 @@ from fractions import Fraction
 from functools import partial
 from importlib.util import find_spec
 from itertools import accumulate, pairwise
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ from .exact import (
 from .gridded import Gridded, on_grid, without_odd_values
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, sparse
-from .plan import Promise, extent_of, finite, promises_of, vector_promise
+from .plan import Promise, check_error, extent_of, promises_of, vector_promise
 from .predict import shorten
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import Settings
@@ -91,10 +92,10 @@ class Decision:
     """What became of one channel.
 
     ``kept_as`` says what is kept in plain words, ``reason`` how. ``unit``: the channel's.
-    ``largest_error``: of all samples, decoded against recorded, in that unit. ``extent``: the
-    largest minus the smallest sample, glitches left out, in that unit. ``original_bits`` of
-    one sample as it came. ``exact``: the track is stored without loss (on its grid, see
-    ``lattice``); ``within``: every sample was found within the bound of the track.
+    ``largest_error``: of all samples, decoded against recorded, in that unit. ``relative_error``:
+    its share of the range, glitches left out; 0 where there is no error or no range.
+    ``original_bits`` of one sample as it came. ``exact``: the track is stored without loss (on its
+    grid, see ``lattice``); ``within``: every sample was found within the bound of the track.
     ``axis_count`` channels share a vector. ``size`` in bytes, of packets and codebooks.
     ``snr_db``, ``st_sim``: the quality of the texture as decoded, without silent stretches; None
     where no texture is kept, or where it was not measured. ``missed``: why the texture does not
@@ -114,7 +115,7 @@ class Decision:
     unit: str
     kept_as: str
     largest_error: float
-    extent: float
+    relative_error: float
     original_bits: int
     snr_db: float | None = None
     st_sim: float | None = None
@@ -308,8 +309,11 @@ def encode_parts(
 
     def gridded(number: int) -> Gridded:
         search = job.searches[number]
-        found = on_grid(job.originals[number], job.promises[number], settings, search)
+        channel, asked = job.originals[number], job.promises[number]
+        found = on_grid(channel, asked, settings, search)
         search.forget()
+        if asked.floor is settings.max_error and not found.promise.lossless:
+            check_bound(channel, found, settings)
         return found
 
     prepared = list(in_order(gridded, numbers, job.threads))
@@ -341,6 +345,17 @@ def encode_parts(
         for part in coded:
             yield part
             done(part.stop)
+
+
+def check_bound(channel: Channel, found: Gridded, settings: Settings) -> None:
+    """Refuse a largest error that flattens a channel."""
+    floor = found.promise.floor
+    if settings.allows_any_error or floor is None:
+        return
+    step = float(abs(channel.calibration.step)) if channel.calibration else None
+    extent = extent_of(channel.samples())
+    error = floor.absolute(extent, step, channel.unit)
+    check_error(settings, extent, error or 0.0, channel.label, channel.unit)
 
 
 def as_recorded(channel: Channel) -> Channel:
@@ -579,12 +594,17 @@ def decide(
             unit=given.unit,
             kept_as=kept_as,
             largest_error=errors[place],
-            extent=extent_of(finite(given)),
+            relative_error=share_of_range(errors[place], given),
             original_bits=8 * (given.stored if given.exact is None else given.exact).itemsize,
             snr_db=unit.reached.get("snr_db"),
             st_sim=unit.reached.get("st_sim"),
             missed=missed,
         )
+
+
+def share_of_range(error: float, channel: Channel) -> float:
+    extent = extent_of(channel.samples()) if error else 0.0
+    return error / extent if 0 < extent < inf else 0.0
 
 
 def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> Unit:

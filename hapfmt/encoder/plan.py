@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -20,7 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DataWarning, ParameterError
+from ..metrics import MOVES
 from ..recording import Channel, Recording
+from ..split import LF_CUTOFF_HZ
 from ..units import unit_text
 from .settings import (
     ALL,
@@ -79,96 +81,133 @@ class Promise:
 
 
 def promises_of(recording: Recording, settings: Settings) -> list[Promise]:
-    """One promise for each channel. The caller says which ones are felt, or their quantities do.
+    """Return one promise for each channel. The caller says which are felt, or their quantities do.
 
-    Raises ParameterError where an option of preset perceptual has nothing to act on. Warns with a
-    DataWarning where no channel is felt.
+    Raises ParameterError where an option of preset perceptual has nothing to act on; a DataWarning
+    tells of options that do nothing here, and of a recording in which no channel is felt.
     """
     channels = recording.channels
     felt = felt_channels(channels, settings)
     promises = [
-        promise_of(channel, settings, felt=None if settings.felt is None else each)
-        for channel, each in zip(channels, felt, strict=True)
+        promise_of(channel, settings, felt=None if settings.felt is None else is_felt)
+        for channel, is_felt in zip(channels, felt, strict=True)
     ]
-    if settings.preset == "perceptual" and channels:
-        check_effects(settings, felt, promises)
-    for channel, promise in zip(channels, promises, strict=True):
-        if promise.floor is settings.max_error and not promise.texture:
-            step = channel.calibration.step if channel.calibration else channel.lsb
-            extent = extent_of(finite(channel))
-            check_error(settings, extent, channel.label, channel.unit, step)
+    if settings.preset == "perceptual" and recording.sample_count:
+        check_effects(channels, settings, felt, promises)
+        for text in idle_options(channels, settings, felt, promises):
+            # The caller of hapfmt.write is five calls away.
+            warnings.warn(text, DataWarning, stacklevel=5)
     return promises
 
 
 def felt_channels(channels: Sequence[Channel], settings: Settings) -> list[bool]:
-    """Whether each channel is felt: by its quantity, or because the caller says so."""
-    felt = [settings.felt == ALL or quantity_of(channel) in WEBER_LIMITS for channel in channels]
-    labels = [channel.label for channel in channels]
-    for name in settings.felt or () if settings.felt != ALL else ():
-        if name in labels:
-            for number, label in enumerate(labels):
-                felt[number] |= label == name
-        elif name.isdecimal() and int(name) < len(labels):
-            felt[int(name)] = True
-        else:
-            known = ", ".join(labels)
-            raise ParameterError(f"no channel is called {name!r}; there are: {known}")
+    """Return whether each channel is felt: by its quantity, or because the caller says so."""
+    if settings.felt == ALL:
+        return [True] * len(channels)
+    felt = [quantity_of(channel) in WEBER_LIMITS for channel in channels]
+    for name in settings.felt or ():
+        for number in called_felt(name, channels):
+            felt[number] = True
     return felt
+
+
+def called_felt(name: str, channels: Sequence[Channel]) -> list[int]:
+    """Return the numbers of the channels that ``felt`` names by a label or a number."""
+    labels = [channel.label for channel in channels]
+    if name in labels:
+        return [number for number, label in enumerate(labels) if label == name]
+    if name.isdecimal() and int(name) < len(labels):
+        return [int(name)]
+    raise ParameterError(f"no channel is called {name!r}; there are: {', '.join(labels)}")
 
 
 NOT_FELT = "no channel is known to be felt: add unit='N' or felt='all'"
 
 
-def check_effects(settings: Settings, felt: list[bool], promises: list[Promise]) -> None:
+def check_effects(
+    channels: Sequence[Channel], settings: Settings, felt: list[bool], promises: list[Promise]
+) -> None:
     """Refuse options of preset perceptual that no channel of this recording uses."""
     if not any(felt):
-        if given := settings.departures(FELT_OPTIONS):
-            raise ParameterError(f"{USED_BY[given[0]][0]} would do nothing: {NOT_FELT}")
-        warnings.warn(f"{NOT_FELT}; all channels are near-lossless", DataWarning, stacklevel=2)
-    elif not any(promise.texture for promise in promises) and (
-        given := settings.departures(TEXTURE_OPTIONS)
-    ):
-        raise ParameterError(
-            f"{USED_BY[given[0]][0]} would do nothing: no felt channel has a texture. "
-            f"Each is constant, silent, or slower than {2 * settings.cutoff_hz:g} samples/s"
+        if unused := settings.departures(FELT_OPTIONS):
+            raise ParameterError(f"{USED_BY[unused[0]][0]} would do nothing: {NOT_FELT}")
+    elif unused := settings.departures(TEXTURE_OPTIONS):
+        textured = [channels[n] for n, promise in enumerate(promises) if promise.texture]
+        if not textured:
+            slowest = 2 * settings.cutoff_hz
+            raise ParameterError(
+                f"{USED_BY[unused[0]][0]} would do nothing: no felt channel has a texture. "
+                f"Each is constant, silent, or has at most {slowest:g} samples/s"
+            )
+        if settings.weighting and not any(quantity_of(each) in MOVES for each in textured):
+            raise ParameterError(
+                "weighting would do nothing: no threshold of vibration is known for "
+                f"{called(textured[0])}; leave it out"
+            )
+
+
+def idle_options(
+    channels: Sequence[Channel], settings: Settings, felt: list[bool], promises: list[Promise]
+) -> Iterator[str]:
+    """Yield a sentence for each choice of preset perceptual that does nothing here."""
+    if not any(felt):
+        if any(not promise.lossless for promise in promises):
+            yield f"{NOT_FELT}; until then preset perceptual does what near-lossless does"
+        return
+    bounded = any(promise.floor is settings.max_error for promise in promises)
+    if settings.departures(["max_error"]) and not bounded:
+        yield (
+            "max_error does nothing here: every channel is felt or lossless; "
+            "the threshold of felt channels is floor"
         )
+    slowest = 2 * min(settings.cutoff_hz, LF_CUTOFF_HZ)
+    if settings.departures(["cutoff_hz"]) and not any(
+        is_felt and channel.rate_exact > slowest
+        for is_felt, channel in zip(felt, channels, strict=True)
+    ):
+        yield f"cutoff_hz does nothing here: no felt channel has over {slowest:g} samples/s"
+    if settings.departures(["k"]):
+        fractions = {promise.k for promise in promises if promise.k}
+        if fractions and settings.k not in fractions:
+            yield f"k does nothing here: it is at most {percent(max(fractions))} for velocities"
+    for name in settings.felt or () if settings.felt != ALL else ():
+        for number in called_felt(name, channels):
+            channel = channels[number]
+            if promises[number].lossless:
+                yield f"felt does nothing for {name!r}: it is lossless ({promises[number].why})"
+            elif WEBER_LIMITS.get(quantity_of(channel), 0) is None:
+                yield f"felt does nothing for {name!r}: its unit or quantity says that it is felt"
 
 
 LARGEST_SHARE = 0.1
 """Share of a channel's range that a largest error may be. A larger one is probably a mistake."""
 
 
-def check_error(
-    settings: Settings, extent: float, label: str, unit: str, step: Fraction | float | None
-) -> None:
+def check_error(settings: Settings, extent: float, error: float, label: str, unit: str) -> None:
     """Refuse a largest error that flattens the channel, unless it is a share of the range.
 
-    extent: the channel's largest minus its smallest value, in ``unit``. step: of its counts.
+    extent: the channel's largest minus its smallest value, in ``unit``; error: in ``unit`` too.
     """
+    if settings.allows_any_error or not error > LARGEST_SHARE * extent > 0:
+        return
     amount = settings.max_error
-    if settings.force_error or amount.kind == "range":
-        return
-    value = amount.absolute(extent, None if step is None else abs(float(step)), unit)
-    if value is None or value <= LARGEST_SHARE * extent or not extent > 0:
-        return
-    share = f"{100 * value / extent:.3g} % of the range" if value < extent else "the whole range"
-    shown = replace(amount, unit=amount.unit or unit_text(unit))
-    plain = amount.kind == "absolute" and not amount.unit
-    guess = f"; did you mean {amount.value:g}%?" if plain else "."
+    guess = f"; did you mean {amount.value:g}%? " if amount.is_plain else ". "
     raise ParameterError(
-        f"{amount_text(shown)} is {share} of channel {label!r}{guess} "
-        "To allow it, add force_error=True"
+        share_text(amount, extent, error, label, unit) + guess + "To allow it, add force_error=True"
     )
 
 
-def finite(channel: Channel) -> NDArray[np.float64]:
-    """Return the finite samples of a channel, [ticks] in its unit."""
-    x = channel.samples()
-    return x[np.isfinite(x)]
+def share_text(amount: Tolerance, extent: float, error: float, label: str, unit: str) -> str:
+    """Return what a largest error is of the range of a channel: 1 N is 46 % of the range."""
+    share = f"{100 * error / extent:.3g} % of the range" if error < extent else "the whole range"
+    shown = replace(amount, unit=amount.unit or unit_text(unit))
+    return f"{amount_text(shown)} is {share} of channel {label!r}"
 
 
 def extent_of(x: NDArray[np.float64]) -> float:
-    """The largest minus the smallest of [ticks] finite values, without glitches; 0 for none."""
+    """Return the largest minus the smallest of [ticks] values, without glitches and NaN."""
+    if not np.isfinite(x).all():
+        x = x[np.isfinite(x)]
     if not x.size:
         return 0.0
     calm = without_glitches(x)

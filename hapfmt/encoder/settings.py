@@ -76,6 +76,11 @@ class Tolerance:
             return cls(value, "lsb")
         return cls(value, unit=to_ucum(suffix) if suffix else "")
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is a bare number, in the unit of whatever channel it is for."""
+        return self.kind == "absolute" and not self.unit
+
     def in_unit(self, unit: str) -> float:
         """The value of an absolute amount in the unit of a channel."""
         if not self.unit or self.unit == unit:
@@ -369,6 +374,10 @@ class Settings:
             raise ParameterError("bits are 0 (no residual) or 2 to 16")
         if self.bits is not None and self.step is not None:
             raise ParameterError("give the bits or the step of the residual, not both")
+        if self.force_error and self.max_error.kind == "range":
+            raise ParameterError(
+                "force_error=True would do nothing: give a max_error in a unit or in lsb"
+            )
         if not (isinstance(self.cutoff_hz, Real) and 0 < self.cutoff_hz < inf):
             raise ParameterError("the cutoff is a positive frequency")
         if self.preset == "perceptual":
@@ -382,6 +391,8 @@ class Settings:
             raise ParameterError(f"give one of {', '.join(TARGETS)}")
         if given and not self.texture:
             raise ParameterError("texture=False leaves no texture, so give no quality for it")
+        if not self.texture and self.cutoff_hz != LF_CUTOFF_HZ:
+            raise ParameterError("texture=False leaves no texture, so give no cutoff_hz for it")
         if self.synthetic_texture and not self.texture:
             raise ParameterError("give texture=False or synthetic_texture, not both")
         if self.synthetic_texture and given:
@@ -447,6 +458,11 @@ class Settings:
     def departures(self, names: Sequence[str]) -> list[str]:
         """Those of the fields ``names`` that are not at their default."""
         return [name for name in names if getattr(self, name) != _DEFAULTS[name]]
+
+    @property
+    def allows_any_error(self) -> bool:
+        """Whether the largest error may be any share of a channel's range."""
+        return self.force_error or self.max_error.kind == "range"
 
     @property
     def keeps_vectors(self) -> bool:

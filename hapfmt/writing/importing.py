@@ -37,7 +37,7 @@ from ..encoder.live import (
     choose_exact,
     plan_input,
 )
-from ..encoder.plan import amount_text, median3
+from ..encoder.plan import amount_text, check_error, median3
 from ..encoder.settings import Settings, Tolerance, counts_of
 from ..encoder.unit import STEP_LIMIT
 from ..errors import DataWarning, LimitError, ParameterError
@@ -132,13 +132,14 @@ def write_import(
     importer.threads = thread_count(
         threads, sum(t.row_count * len(t.columns) for t in found.tables)
     )
-    ranges = importer.ranges() if importer.needs_ranges else None
+    if importer.needs_ranges:
+        importer.find_ranges()
     with target(file, force) as stream:
         if not overview:
-            return importer.run(stream, canonical, ranges)
+            return importer.run(stream, canonical)
         importer.overview = True
         with readable(stream) as own:
-            return importer.run(own, canonical, ranges)
+            return importer.run(own, canonical)
 
 
 @dataclass
@@ -209,6 +210,23 @@ class ImportedChannel:
     def needs_range(self) -> bool:
         relative = self.settings.preset == "near-lossless"
         return relative or (self.takes_counts and self.source.dtype.itemsize >= 4)
+
+    @property
+    def unit(self) -> str:
+        return self.source.unit
+
+    @property
+    def step(self) -> float | None:
+        """One count in the unit of the channel; None where it is not known."""
+        if self.calibration is None:
+            return self.source.lsb
+        return abs(float(self.calibration.step))
+
+    @property
+    def extent(self) -> float:
+        """The range in the unit of the channel, 0 where it is not known."""
+        counts_or_values = self.known.extent if self.known else 0
+        return float(counts_or_values * (self.step if self.calibration and self.step else 1))
 
     def input(self, **given: Any) -> Input:
         one = self.source
@@ -296,7 +314,7 @@ class ImportedChannel:
             unit=unit,
             kept_as="lossless" if exact else f"within {amount_text(self.settings.max_error)}",
             largest_error=self.largest_error,
-            extent=float(self.known.extent) if self.known else 0.0,
+            relative_error=self.largest_error / self.extent if self.extent else 0.0,
             original_bits=8 * self.source.dtype.itemsize,
         )
 
@@ -347,6 +365,8 @@ class Importer:
     """By table."""
     payload: int = 0
     """Bytes of the packets so far."""
+    read_before: int = 0
+    """Rows of a first pass."""
 
     def __post_init__(self) -> None:
         labels = iter(self.found.labels)
@@ -402,15 +422,20 @@ class Importer:
         if filled != [table.row_count for table in self.found.tables]:
             raise ParameterError("the file ended before all of its rows were read")
 
-    def ranges(self) -> list[Range]:
-        """A first pass over the values."""
+    def find_ranges(self) -> None:
+        """Read all values once. Raises ParameterError where an error bound flattens a channel."""
         firsts = self.first_columns()
         ranges = [Range() for _ in self.columns]
         for table, _, values in self.blocks(0, 2 * self.total):
             for place, x in enumerate(values):
                 known = x[~np.isnan(x)] if x.dtype.kind == "f" else x
                 ranges[firsts[table] + place].add(known)
-        return ranges
+        self.read_before = self.total
+        for column, range_ in zip(self.columns, ranges, strict=True):
+            column.known = range_
+            if self.settings.preset == "near-lossless":
+                error = self.settings.max_error.absolute(column.extent, column.step, column.unit)
+                check_error(self.settings, column.extent, error or 0.0, column.label, column.unit)
 
     def first_columns(self) -> list[int]:
         firsts, at = [], 0
@@ -419,17 +444,13 @@ class Importer:
             at += len(table.columns)
         return firsts
 
-    def run(
-        self, stream: BinaryIO, canonical: int | None, ranges: Sequence[Range] | None
-    ) -> Summary:
-        for column, known in zip(self.columns, ranges or (), strict=False):
-            column.known = known
+    def run(self, stream: BinaryIO, canonical: int | None) -> Summary:
         self.stream, self.canonical = stream, canonical
         for column in self.columns:
             table = column.table
             start = int(table.all_ticks(0, 1)[0]) if table.row_count else TICK_LIMIT
             self.clusters.add(column.number, table.rate, start)
-        done = self.total if ranges else 0
+        done = self.read_before
         for number, first_row, values in self.blocks(done, done + self.total):
             complete = self.take(number, first_row, values)
             if not self.begun and self.clusters.size < SEEN:
