@@ -313,7 +313,7 @@ ways = [
     {"preset": "lossless"}, {"preset": "lossless", "fast": True}, {"preset": "near-lossless"},
     {"preset": "perceptual"}, {"preset": "perceptual", "snr": 20},
     {"preset": "perceptual", "texture": False}, {"preset": "perceptual", "weighting": 0.25},
-    {"preset": "perceptual", "synthetic_texture": True}, {"preset": "perceptual", "bitrate": 6},
+    {"preset": "perceptual", "synthetic_texture": True},
     {"preset": "perceptual", "vectors": "required", "texture": False}, {"preset": "paper"},
 ]
 for name, fields in signals.items():
