@@ -15,7 +15,7 @@ from __future__ import annotations
 from fractions import Fraction
 from importlib import import_module
 from types import ModuleType
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -241,21 +241,62 @@ def band_energy_error_db(f: NDArray[Any], y: NDArray[Any], rate_hz: float) -> fl
     size = min(max(round(BAND_BLOCK_S * rate_hz), 4), n)
     if size < 4 or np.array_equal(a, b):
         return 0.0
+    _, of_f = _band_energies(a, rate_hz, size)
+    _, of_y = _band_energies(b, rate_hz, size)
+    floor = BAND_FLOOR * of_f.max() or BAND_FLOOR * of_y.max() or 1.0
+    return float(np.mean(np.abs(10 * np.log10((of_y + floor) / (of_f + floor)))))
+
+
+class BandLevel(NamedTuple):
+    """How much louder a band of frequencies is in y than in f."""
+
+    low_hz: float
+    high_hz: float
+    db: float
+
+
+def texture_levels_db(
+    f: NDArray[Any], y: NDArray[Any], rate_hz: float
+) -> tuple[float, list[BandLevel]]:
+    """How much louder y is than f above 40 Hz, in dB: as a whole, and in each band.
+
+    The bands and blocks are those of :func:`band_energy_error_db`, and their energies are summed
+    over the blocks. Both signals pass the low-pass of :mod:`hapfmt.split` at 20 Hz, and what it
+    leaves is compared. Bands that begin an octave above that filter are used: below, it
+    divides the signal. 0 and no bands where there is none; -60 dB counts as silence.
+    """
+    rate_hz = _positive(rate_hz)
+    a, b = (x - low_pass(x, rate_hz, SPLIT_HZ) for x in _scaled(f, y))
+    size = min(max(round(BAND_BLOCK_S * rate_hz), 4), a.shape[0])
+    if size < 4:
+        return 0.0, []
+    edges, of_f = _band_energies(a, rate_hz, size)
+    above = edges[:, 0] >= 2 * SPLIT_HZ
+    e, d = (x.sum(axis=(0, 2))[above] for x in (of_f, _band_energies(b, rate_hz, size)[1]))
+    floor = BAND_FLOOR * float(e.max(initial=0.0))
+    if not floor:
+        return 0.0, []
+    found = 10 * np.log10((d + floor) / (e + floor))
+    rows = zip(edges[above].tolist(), found.tolist(), strict=True)
+    bands = [BandLevel(low, high, db) for (low, high), db in rows]
+    return float(10 * np.log10((d.sum() + floor) / (e.sum() + floor))), bands
+
+
+def _band_energies(
+    x: NDArray[np.float64], rate_hz: float, size: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The edges [bands, 2] in Hz, and the energies [blocks, bands, components] of x."""
     lines = np.fft.rfftfreq(size, 1 / rate_hz)
     edges = np.geomspace(min(SPLIT_HZ, rate_hz / 20), rate_hz / 2, BAND_COUNT + 1)
     band = np.searchsorted(edges, lines, side="right") - 1
     band[-1] = min(band[-1], BAND_COUNT - 1)
-    members = np.stack([band == k for k in np.unique(band[band >= 0])]).astype(np.float64)
-
-    def energies(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        blocks = x[: n // size * size].reshape(n // size, size, -1)
-        window = np.hanning(size + 1)[:size, np.newaxis]
-        spectrum = np.fft.rfft((blocks - blocks.mean(axis=1, keepdims=True)) * window, axis=1)
-        return np.asarray(np.einsum("kf,bfc->bkc", members, np.abs(spectrum) ** 2))
-
-    of_f, of_y = energies(a), energies(b)
-    floor = BAND_FLOOR * of_f.max() or BAND_FLOOR * of_y.max() or 1.0
-    return float(np.mean(np.abs(10 * np.log10((of_y + floor) / (of_f + floor)))))
+    present = np.unique(band[band >= 0])
+    members = np.stack([band == k for k in present]).astype(np.float64)
+    blocks = x[: len(x) // size * size].reshape(len(x) // size, size, -1)
+    window = np.hanning(size + 1)[:size, np.newaxis]
+    spectrum = np.fft.rfft((blocks - blocks.mean(axis=1, keepdims=True)) * window, axis=1)
+    found = np.einsum("kf,bfc->bkc", members, np.abs(spectrum) ** 2)
+    return np.stack([edges[present], edges[present + 1]], axis=1), np.asarray(found)
 
 
 def st_sim(f: NDArray[Any], y: NDArray[Any], rate_hz: float | Fraction) -> float:

@@ -286,10 +286,7 @@ def channel_of(
 ) -> Channel:
     """A channel of a 1-D array: integers of up to 32 bits become counts; NaN and masked values are
     gaps. ``ticks`` are the ticks of the values, by default 0, 1, 2 ..."""
-    known = ~np.ma.getmaskarray(x)
-    x = np.ma.getdata(x)
-    if x.dtype.kind == "f":
-        known &= ~np.isnan(x)
+    x, known = known_samples(np.ma.getdata(x), np.ma.getmaskarray(x))
     spans = tuple(spans_of(known)) if ticks is None else spans_at(ticks[known])
     kept = np.ascontiguousarray(x[known])
     if (kept.dtype.kind in "bi" and kept.dtype.itemsize <= 4) or kept.dtype in ("u1", "u2"):
@@ -853,14 +850,14 @@ class Channel:
     def from_physical(
         cls, x: NDArray[Any], rate: Rate, *, start_tick: int = 0, **described: Any
     ) -> Channel:
-        """A floating-point channel from values [ticks]; every NaN becomes a gap.
+        """A floating-point channel from values [ticks]; NaN becomes a gap, but where all are NaN.
 
         ``unit`` is any spelling, as in :func:`hapfmt.write`; the channel has its UCUM code.
         """
         if isinstance(described.get("unit"), str):
             described["unit"] = given_units([described["unit"]])[0]
         x = np.ascontiguousarray(x, dtype=np.float64)
-        known = ~np.isnan(x)
+        x, known = known_samples(x)
         return cls(
             stored=x[known],
             rate=rate,
@@ -1546,6 +1543,19 @@ def _whole_ns(value: Any, name: str) -> int:
 
 def _deprecated(old: str, new: str) -> None:
     warnings.warn(f"{old} is deprecated; use {new}", DeprecationWarning, stacklevel=3)
+
+
+def known_samples(
+    x: NDArray[Any], masked: NDArray[np.bool_] | bool = False
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Return [ticks] values, and which of them are samples: NaN and masked values are gaps.
+
+    Without any other value all are samples that are NaN, because a channel of gaps has no length.
+    """
+    known = ~np.asarray(masked) & ~(np.isnan(x) if x.dtype.kind == "f" else np.zeros(x.shape, bool))
+    if known.any():
+        return x, known
+    return np.full(x.shape, np.nan), ~known
 
 
 def spans_of(known: NDArray[np.bool_], start_tick: int = 0) -> Iterator[Span]:

@@ -47,9 +47,9 @@ units = st.sampled_from(["1", "N", "m/s2", "[g]", "{count}", "{raw(0-255)}", "m[
 
 @st.composite
 def channels(draw: st.DrawFn, *, rate: Fraction | None = None, start: int | None = None) -> Channel:
-    """With gaps, infinities, -0.0; perhaps without a sample; ``start`` fixes the first tick."""
+    """With gaps, infinities, -0.0, and at least one number; ``start`` fixes the first tick."""
     x = draw(st.lists(doubles, min_size=1, max_size=8))
-    if start is not None and np.isnan(x[0]):
+    if np.isnan(x[0]) and (start is not None or np.isnan(x).all()):
         x[0] = 0.5
     return Channel.from_physical(
         np.array(x),

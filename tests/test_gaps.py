@@ -9,6 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from commands import run
 from depth import deep
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -55,6 +56,61 @@ def channel(before: np.ndarray, after: np.ndarray, gap: int) -> Channel:
 
 def one(before: np.ndarray, after: np.ndarray, gap: int) -> Recording:
     return Recording((channel(before, after, gap),))
+
+
+PRESETS = ("lossless", "near-lossless", "perceptual", "paper")
+NAN = np.full(500, np.nan)
+TABLES = {
+    "csv": "time,x\n" + "".join(f"{tick / 1000:.3f},nan\n" for tick in range(NAN.size)),
+    "npz": {"x": NAN, "rate": 1000.0},
+    "parquet": {"time": np.arange(NAN.size) / 1000, "x": NAN},
+}
+
+
+class TestOnlyNan:
+    """A channel without any number keeps its length: its samples are NaN, and no gap."""
+
+    @pytest.mark.parametrize("preset", PRESETS)
+    @pytest.mark.parametrize(
+        "x",
+        [NAN, NAN.astype(np.float32), np.ma.masked_all(NAN.size, np.int16)],
+        ids=["doubles", "floats", "masked"],
+    )
+    @pytest.mark.parametrize("beside", [False, True], ids=["alone", "beside another"])
+    def test_arrays(self, preset, x, beside, tmp_path):
+        fields = {"x": x, "y": np.sin(np.arange(NAN.size) / 9)} if beside else {"x": x}
+        hapfmt.write(fields, tmp_path / "a.hapf", rate=1000, units="N", preset=preset)
+        recording = hapfmt.read(tmp_path / "a.hapf")
+        channel = recording.channels[0]
+        assert len(channel) == channel.times().size == NAN.size
+        assert np.array_equal(channel.to_numpy(), NAN, equal_nan=True)
+        assert np.array_equal(recording.to_numpy()[0], NAN, equal_nan=True)
+
+    @pytest.mark.parametrize("preset", PRESETS)
+    @pytest.mark.parametrize("suffix", TABLES)
+    def test_command_line(self, preset, suffix, tmp_path):
+        table = TABLES[suffix]
+        if suffix == "csv":
+            (tmp_path / "in.csv").write_text(str(table))
+        elif suffix == "npz":
+            np.savez(tmp_path / "in.npz", **table)
+        else:
+            pytest.importorskip("pandas").DataFrame(table).to_parquet(tmp_path / "in.parquet")
+        for words in (
+            ["encode", f"in.{suffix}", "a.hapf", "--preset", preset],
+            ["decode", "a.hapf", "out.csv"],
+            ["decode", "a.hapf", "out.npz"],
+        ):
+            assert run(*words, cwd=tmp_path).returncode == 0
+        assert len((tmp_path / "out.csv").read_text().splitlines()) == 1 + NAN.size
+        with np.load(tmp_path / "out.npz") as arrays:
+            assert np.array_equal(arrays["x"], NAN[None], equal_nan=True)
+
+    def test_infinities_are_no_gaps(self, tmp_path):
+        x = np.where(np.arange(NAN.size) < 100, np.inf, -np.inf)
+        for preset in PRESETS:
+            hapfmt.write(x, tmp_path / "a.hapf", rate=1000, units="N", preset=preset, force=True)
+            assert np.array_equal(hapfmt.read(tmp_path / "a.hapf").to_numpy()[0], x)
 
 
 WAYS = [

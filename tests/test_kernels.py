@@ -299,11 +299,33 @@ assert "from 0" in summary.decisions[1].reason
 back = hapfmt.read(stream.getvalue()).channels
 same = all((a.stored == b.stored).all() for a, b in zip(back, channels, strict=True))
 print(compiled is None, same, stream.getvalue().hex())
+
+rng, t = numpy.random.default_rng(2), numpy.arange(700) / 1000
+vibration = 0.05 * numpy.sin(2 * numpy.pi * 170 * t) + rng.normal(0, 0.03, t.size)
+texture = 1 + 0.5 * numpy.sin(3 * t) + vibration
+stroke = texture - vibration * (abs(t - 0.4) > 0.3)
+signals = {
+    "lattice": {"x": texture.round(3)}, "doubles": {"x": texture}, "stroke": {"x": stroke},
+    "vector": {"x": stroke.round(2), "y": texture.round(2), "z": texture.round(2) * 2},
+    "gap": {"x": numpy.where(abs(t - 0.5) < 0.1, numpy.nan, texture.round(4))},
+}
+ways = [
+    {"preset": "lossless"}, {"preset": "lossless", "fast": True}, {"preset": "near-lossless"},
+    {"preset": "perceptual"}, {"preset": "perceptual", "snr": 20},
+    {"preset": "perceptual", "texture": False}, {"preset": "perceptual", "weighting": 0.25},
+    {"preset": "perceptual", "synthetic_texture": True},
+    {"preset": "perceptual", "vectors": "required", "texture": False}, {"preset": "paper"},
+]
+for name, fields in signals.items():
+    for options in ways if name == "stroke" else ways[:5]:
+        stream = io.BytesIO()
+        hapfmt.write(fields, stream, rate=1000, units="N", canonical=1, **options)
+        print(f"{name}{options}".replace(" ", ""), stream.getvalue().hex())
 """
 
 
 def test_without_the_extension():
-    """The same bytes, by the readable loops."""
+    """The same bytes, by the readable loops: of every preset, and of the options that search."""
 
     def told(pure):
         environment = {k: v for k, v in os.environ.items() if k != "HAPFMT_PURE"} | pure

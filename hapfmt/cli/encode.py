@@ -79,6 +79,8 @@ def bound_text(contract: Contract | None, component: Component, index: int) -> s
 
 EXACT_DB = 150.0
 """Only rounding to double precision is left."""
+MISSED_DB = 3.0
+"""A band of a synthetic texture that is further off is named."""
 NAMED = 3
 """Channels that a line names."""
 GROUPED = 16
@@ -102,10 +104,13 @@ class ChannelRow:
     relative_error: float
     snr_db: float | None
     st_sim: float | None
+    level_db: float | None
 
     @property
     def texture(self) -> str:
         """The quality that was reached; of neighbours the lowest."""
+        if self.level_db is not None:
+            return f"level{JOINED}{self.level_db:+.1f}{JOINED}dB"
         if self.st_sim is not None:
             return f"ST-SIM{JOINED}{self.st_sim:.3f}"
         if self.snr_db is None:
@@ -157,7 +162,7 @@ def show(
         for each in summary.decisions:
             axes = f", {each.axis_count} axes" if each.axis_count > 1 else ""
             say(f"{name_of(each)}: {each.chosen}{axes}: {each.reason}; {each.lattice}")
-    for line in missed_targets(summary, recording, settings):
+    for line in (*missed_targets(summary, recording, settings), *missed_bands(summary)):
         say(line)
     took = f", in {seconds:.1f}{JOINED}s" if seconds >= 1 else ""
     rate = ""
@@ -185,6 +190,7 @@ def row_of(each: Decision) -> ChannelRow:
         each.relative_error,
         each.snr_db,
         each.st_sim,
+        each.level_db,
     )
 
 
@@ -211,6 +217,15 @@ def missed_targets(summary: Summary, recording: Recording, settings: Settings) -
         yield f"another quality than asked for: {', '.join(names[:NAMED])}{more}: {why}"
 
 
+def missed_bands(summary: Summary) -> Iterable[str]:
+    """Which synthetic textures have a band of frequencies that is far too loud or too quiet."""
+    for each in summary.decisions:
+        if each.band_db is not None and abs(each.band_db) > MISSED_DB:
+            how = f"{abs(each.band_db):.1f}{JOINED}dB {'louder' if each.band_db > 0 else 'quieter'}"
+            where = f"at {each.band_low_hz:.0f} to {each.band_high_hz:.0f}{JOINED}Hz"
+            yield f"{name_of(each)}: the synthetic texture is {how} {where}"
+
+
 def name_of(each: Decision) -> str:
     return each.label or f"channel {each.channel}"
 
@@ -230,6 +245,7 @@ def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
             relative_error=max(row.relative_error for row in members),
             snr_db=least(row.snr_db for row in members),
             st_sim=least(row.st_sim for row in members),
+            level_db=least(row.level_db for row in members),
         )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LimitError, MovedTimesWarning, ParameterError, channels_called
-from ..recording import Channel, Recording, Span, spans_at, unique
+from ..recording import Channel, Recording, Span, known_samples, spans_at, unique
 from ..times import TIME_UNITS, TickGrid, TimeStamps, seconds_of_date, time_name
 from ..units import split_name, to_ucum
 from .common import (
@@ -385,7 +385,7 @@ def _rises_evenly(x: NDArray[np.float64]) -> bool:
 def _channel(
     label: str, unit: str, column: NDArray[np.float64], grid: TickGrid, notes: list[str]
 ) -> Channel:
-    known = ~np.isnan(column)
+    column, known = known_samples(column)
     return Channel(
         column[known],
         grid.rate,

@@ -51,7 +51,16 @@ from ..errors import LimitError, MovedTimesWarning, ParameterError
 from ..files import Closing
 from ..limits import TICK_LIMIT
 from ..numbers import checked_rate
-from ..recording import Channel, Event, Recording, index_of_channel, spans_at, spans_of, unique
+from ..recording import (
+    Channel,
+    Event,
+    Recording,
+    index_of_channel,
+    known_samples,
+    spans_at,
+    spans_of,
+    unique,
+)
 from ..times import STEADY, TickGrid, TimeStamps, deviation_note, whole_ns
 from .common import (
     CHANNEL_LIMIT,
@@ -360,8 +369,8 @@ def _channels(archive: _Archive, ending: str, options: ReadOptions, notes: list[
     if times is not None and grid is None:
         notes += _times_notes(times, hertz, ticks, starts[0], kept=keep)
     made = []
-    for row, label, unit, step in zip(x, labels, units, steps, strict=True):
-        known = ~np.isnan(row)
+    for given, label, unit, step in zip(x, labels, units, steps, strict=True):
+        row, known = known_samples(given)
         spans = tuple(spans_of(known, starts[0])) if grid is None else spans_at(grid.ticks[known])
         made.append(
             Channel(

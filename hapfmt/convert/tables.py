@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 
 from ..clocks import ClockMap, ClockObservation
 from ..errors import LimitError, ParameterError
-from ..recording import Calibration, Channel, Deviation, Event, Recording, Span, spans_at, unique
+from ..recording import (
+    Calibration,
+    Channel,
+    Deviation,
+    Event,
+    Recording,
+    Span,
+    known_samples,
+    spans_at,
+    unique,
+)
 from .common import CHANNEL_LIMIT, with_notes
 
 ROWS = 1 << 16
@@ -209,10 +219,11 @@ class Import:
 def filled_channel(empty: Channel, values: NDArray[Any], table: ImportTable) -> Channel:
     """The channel with its samples; a NaN is a gap."""
     spans = table.spans
-    if values.dtype.kind == "f" and (missing := np.isnan(values)).any():
-        known = ~missing
-        spans = spans_at(table.all_ticks(0, table.row_count)[known])
-        values = values[known]
+    if values.dtype.kind == "f":
+        values, known = known_samples(values)
+        if not known.all():
+            spans = spans_at(table.all_ticks(0, table.row_count)[known])
+            values = values[known]
     return replace(empty, stored=values, coverage=spans)
 
 

@@ -98,7 +98,9 @@ class Decision:
     grid, see ``lattice``); ``within``: every sample was found within the bound of the track.
     ``axis_count`` channels share a vector. ``size`` in bytes, of packets and codebooks.
     ``snr_db``, ``st_sim``: the quality of the texture as decoded, without silent stretches; None
-    where no texture is kept, or where it was not measured. ``missed``: why the texture does not
+    where no texture is kept, or where it was not measured. ``level_db``, ``band_db``: how much
+    louder a synthetic texture is than the recorded one, above 40 Hz and in the band that is
+    furthest off. ``missed``: why the texture does not
     have the quality that was asked for.
     """
 
@@ -119,6 +121,10 @@ class Decision:
     original_bits: int
     snr_db: float | None = None
     st_sim: float | None = None
+    level_db: float | None = None
+    band_db: float | None = None
+    band_low_hz: float | None = None
+    band_high_hz: float | None = None
     missed: str = ""
 
     def as_json(self) -> dict[str, Any]:
@@ -596,9 +602,8 @@ def decide(
             largest_error=errors[place],
             relative_error=share_of_range(errors[place], given),
             original_bits=8 * (given.stored if given.exact is None else given.exact).itemsize,
-            snr_db=unit.reached.get("snr_db"),
-            st_sim=unit.reached.get("st_sim"),
             missed=missed,
+            **unit.reached,
         )
 
 

@@ -17,7 +17,7 @@ from math import exp, log, sqrt
 
 import numpy as np
 
-from ..format.track import Track
+from ..metrics import texture_levels_db
 from ..recording import Calibration, Channel
 from .bounded import code_lines, encode_bounded
 from .felt import Doubles, FeltChannel, counts_nearest
@@ -25,7 +25,7 @@ from .plan import Promise
 from .settings import CLOSE
 from .source import InputBlock
 from .synthetic import with_synthetic
-from .unit import Unit, bound_of, decode_all, whole_range
+from .unit import Unit, bound_of, decode_all, in_coarser_counts, whole_range
 from .ways import CodedTrial, Way, ways_of
 
 NARROWER, TRIES, HALVINGS = 0.8, 16, 4
@@ -40,6 +40,10 @@ NEAR_ENOUGH = 0.975
 
 SHARE_OF_DB = 0.75 * CLOSE
 """... or this share of a target in dB, where that is less."""
+
+MODEL_COUNTS = 1 << 20
+"""Largest texture in counts that a model is made of. Its gain ends at 3.5 million counts, and its
+filter at 33 million (SPEC 9.10)."""
 
 SEARCHED, FACTOR = 24, 4.0
 """Most steps that a search tries, and the largest factor from one to the next."""
@@ -59,7 +63,7 @@ def encode_textured(
         kept_as = promise.kept_as.replace(target.text, NO_TEXTURE)
         return replace(alone, kept_as=kept_as, missed=NO_TEXTURE)
     if target.synthetic:
-        return encode_synthetic(felt, base, promise)
+        return encode_synthetic(felt, first_channel, promise)
     if felt.fine and target.threshold_is_enough:
         unit = encode_bounded(source, base, replace(promise, k=Fraction(0)))
         assert unit
@@ -78,21 +82,51 @@ def encode_textured(
     return best and replace(best, kept_as=promise.kept_as)
 
 
-def encode_synthetic(felt: FeltChannel, base: Track, promise: Promise) -> Unit | None:
-    """Lines for the slow part, and a model of the texture.
+def encode_synthetic(felt: FeltChannel, first_channel: int, promise: Promise) -> Unit | None:
+    """Lines for the slow part, and a model of the texture. None: no grid holds both.
 
     The texture does not include what the lines lose of the slow part: noise in its place would
     leave the deadband.
     """
-    source, calibration = felt.source, felt.source.channels[0].calibration
+    source = for_a_model(felt)
+    calibration = source.channels[0].calibration
     assert calibration is not None
+    base = whole_range(source, first_channel)
     slow, bound = counts_nearest(felt.slow, calibration), bound_of(source, promise)
     lines = code_lines(replace(source, counts=slow[:, None]), base, bound, None)
     if lines is None:
         return None
     texture = counts_nearest(felt.wanted, calibration) - slow
     unit = with_synthetic(source, texture, lines, bound)
-    return unit and replace(unit, kept_as=promise.kept_as)
+    if unit is None:
+        return None
+    assert unit.residual
+    y = calibration.physical(decode_all(unit.base, 1)[:, 0] + decode_all(unit.residual, 1)[:, 0])
+    return replace(unit, kept_as=promise.kept_as, reached=levels_of(felt, y))
+
+
+def for_a_model(felt: FeltChannel) -> InputBlock:
+    """The channel on a grid whose counts a model of the texture can reach."""
+    source, times = felt.source, 1
+    calibration = source.channels[0].calibration
+    assert calibration is not None
+    largest = float(np.abs(felt.wanted - felt.slow).max()) / float(abs(calibration.step))
+    while largest > MODEL_COUNTS * times:
+        times *= 2
+    if times == 1:
+        return source
+    channel = in_coarser_counts(source.channels[0], times)
+    return replace(source, channels=(channel,), counts=channel.stored[:, None])
+
+
+def levels_of(felt: FeltChannel, y: Doubles) -> dict[str, float]:
+    """How loud the decoded texture is, of the longest run."""
+    rows = max(felt.source.segments(), key=lambda rows: rows.stop - rows.start)
+    whole, bands = texture_levels_db(felt.x[rows], y[rows], float(felt.source.rate))
+    if not bands:
+        return {}
+    low, high, db = max(bands, key=lambda each: abs(each.db))
+    return {"level_db": whole, "band_db": db, "band_low_hz": low, "band_high_hz": high}
 
 
 NO_TEXTURE = "no texture above the threshold"

@@ -8,7 +8,8 @@ and costs are integers: kernels/trellis.c finds the same magnitudes.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -119,14 +120,17 @@ def trellis(scaled: Integers, classes: int, start: int, weight: int = LAMBDA) ->
     return Quantised(magnitudes, seen, cost)
 
 
-@dataclass(frozen=True)
-class Survivor:
+Path = tuple[int, "Path"] | tuple[()]
+"""The last magnitude, and those before it."""
+
+
+class Survivor(NamedTuple):
     """The best way into a state: its cost, the two magnitudes before times 256, and all of them."""
 
     cost: int
     a1: int
     a2: int
-    path: tuple[int, ...] = ()
+    path: Path = ()
 
 
 def quantise_block(
@@ -139,41 +143,45 @@ def quantise_block(
 ) -> tuple[list[int], int, int]:
     """Magnitudes of a block, the state after it, and their cost."""
     around, mean = near.around(), near.mean[0]
-    if max(row) < SCALE // 2:
-        chosen = [0] * len(row)
-    else:
+    chosen = [0] * len(row)
+    if max(row) >= SCALE // 2:
         ways: list[Survivor | None] = [None] * len(NEXT)
         ways[state] = Survivor(0, mean, mean)
         for target, beside in zip(row, around, strict=True):
             after: list[Survivor | None] = [None] * len(NEXT)
+            tried = [
+                [(u, (target - SCALE * level_of(u, q)) ** 2) for u in candidates(target, q)]
+                for q in (0, 1)
+            ]
             for s, way in enumerate(ways):
                 if way is None:
                     continue
-                context, h = context_of((8 * way.a1 + 4 * way.a2 + beside) // 32)
-                costs = costs_of(classes >> 4 * (s & 1) & 15)
-                for u in candidates(target, s & 1):
-                    error = target - SCALE * level_of(u, s & 1)
-                    k = symbol_of(u, h)
-                    bits = costs[SYMBOLS * context + k] + 256 * rest_bits(u, k, h)
-                    cost = way.cost + error * error + weight * bits
+                before, a1, a2, path = way
+                context, h = context_at((8 * a1 + 4 * a2 + beside) // 32)
+                quantiser = classes >> 4 * (s & 1) & 15
+                for u, error in tried[s & 1]:
+                    cost = before + error + weight * bits_of(quantiser, context, h, u)
                     to = NEXT[s][u & 1]
                     best = after[to]
-                    if best is None or cost < best.cost:
-                        after[to] = Survivor(cost, 256 * u, way.a1, (*way.path, u))
+                    if best is None or cost < best[0]:
+                        after[to] = Survivor(cost, 256 * u, a1, (u, path))
             ways = after
-        chosen = list(min((way for way in ways if way), key=lambda way: way.cost).path)
+        path = min((way for way in ways if way), key=lambda way: way.cost).path
+        for place in reversed(range(len(row))):
+            chosen[place], path = path  # type: ignore[misc]
     a1 = a2 = mean
     total = 0
     for target, u, beside in zip(row, chosen, around, strict=True):
-        context, h = context_of((8 * a1 + 4 * a2 + beside) // 32)
-        symbol = symbol_of(u, h)
-        seen[state & 1, context, symbol] += 1
-        bits = costs_of(classes >> 4 * (state & 1) & 15)[SYMBOLS * context + symbol]
-        bits += 256 * rest_bits(u, symbol, h)
+        context, h = context_at((8 * a1 + 4 * a2 + beside) // 32)
+        seen[state & 1, context, symbol_of(u, h)] += 1
+        bits = bits_of(classes >> 4 * (state & 1) & 15, context, h, u)
         total += (target - SCALE * level_of(u, state & 1)) ** 2 + weight * bits
         state = NEXT[state][u & 1]
         a1, a2 = 256 * u, a1
     return chosen, state, total
+
+
+context_at = lru_cache(1 << 16)(context_of)
 
 
 def candidates(target: int, quantiser: int) -> list[int]:
@@ -187,10 +195,13 @@ def candidates(target: int, quantiser: int) -> list[int]:
     return out
 
 
-def rest_bits(u: int, k: int, h: int) -> int:
-    """Raw bits of a magnitude with symbol k, and its sign."""
+@lru_cache(1 << 16)
+def bits_of(quantiser: int, context: int, h: int, u: int) -> int:
+    """256 times the bits of a magnitude in a context: its symbol, raw bits, and sign."""
+    k = symbol_of(u, h)
     escape = 5 + ((u >> h) - EDGES[ESCAPE] + 1).bit_length()
-    return h + (EXTRA[k] if k < ESCAPE else escape) + (u > 0)
+    rest = h + (EXTRA[k] if k < ESCAPE else escape) + (u > 0)
+    return costs_of(quantiser)[SYMBOLS * context + k] + 256 * rest
 
 
 def best_classes(seen: Integers) -> int:

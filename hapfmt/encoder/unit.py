@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from math import ceil, isqrt
+from math import ceil, inf, isqrt, nextafter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ from ..format.track import Component, Contract, Track
 from ..limits import EXACT_LIMIT, FRACTION_LIMIT, LEVELS, ZERO_LIMIT
 from ..numbers import clamp
 from ..reading.decoder import TrackDecoder
-from ..recording import Calibration, Channel
+from ..recording import Calibration, Channel, Deviation
 from ..split import low_pass
 from .knots import Coded, Packing, knot_values, plain_knots, select_knots, smaller_knots
 from .plan import Promise
@@ -168,7 +168,7 @@ class Unit:
     """How the unit is kept, where that differs from the promise."""
 
     reached: dict[str, float] = field(default_factory=dict)
-    """The quality of the texture as decoded: snr_db, st_sim."""
+    """The quality of the texture as decoded: snr_db, st_sim; of a model level_db and band_db."""
 
     missed: str = ""
     """Why the texture does not have the quality that was asked for; empty: it has."""
@@ -449,6 +449,21 @@ def in_finer_counts(channel: Channel, times: int) -> Channel:
     assert calibration is not None
     finer = Calibration(calibration.a, calibration.b * times, calibration.d * times)
     return replace(channel, stored=channel.stored.astype(np.int64) * times, calibration=finer)
+
+
+def in_coarser_counts(channel: Channel, times: int) -> Channel:
+    """The channel in counts ``times`` as wide, with what that moves as its deviation."""
+    calibration = channel.calibration
+    assert calibration is not None
+    given = channel.stored.astype(np.int64)
+    counts = (given + times // 2) // times
+    moved = float(int(np.abs(given - counts * times).max(initial=0)) * abs(calibration.step))
+    before = channel.deviation or Deviation(0.0, 0.0)
+    largest = nextafter(moved + before.largest, inf) if moved else before.largest
+    return replace(
+        channel, stored=counts, calibration=replace(calibration, a=calibration.a * times),
+        deviation=Deviation(max(before.declared, largest), largest),
+    )  # fmt: skip
 
 
 def with_residual(

@@ -25,7 +25,6 @@ from ..codecs.transform import STEP_LIMIT as STEP_MOST
 from ..errors import ParameterError
 from ..format.cluster import Packet
 from ..format.track import Component, Contract, Track
-from ..kernels import compiled
 from ..limits import EXACT_LIMIT, ZERO_LIMIT
 from ..metrics import vibrotactile_threshold
 from ..numbers import clamp
@@ -105,14 +104,11 @@ class Way:
 def ways_of(
     felt: FeltChannel, original: Channel, first_channel: int, promise: Promise
 ) -> Iterator[Way]:
-    """All ways to code a texture, or those of the only codec that was asked for.
-
-    Without compiled loops a trellis takes minutes, so only who asks for MDCT gets it.
-    """
+    """All ways to code a texture, or those of the only codec that was asked for."""
     assert promise.texture is not None
     codec = promise.texture.codec
     asked = codec == "MDCT" or promise.texture.weighting > 0
-    predicted, transformed = codec != "MDCT", asked or (codec is None and compiled is not None)
+    predicted, transformed = codec != "MDCT", asked or codec is None
     step, source = felt.first_step, felt.source.channels[0]
     finer = coarser_for(original, source, step) or finer_for(source, step)
     if predicted:

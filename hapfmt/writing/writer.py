@@ -290,10 +290,14 @@ def extras_of(
         raise ParameterError("attachments are {name: (media type, bytes)}") from None
 
 
+_REACHED = (("snr_db", "", " dB"), ("st_sim", "ST-SIM ", ""), ("level_db", "level ", " dB"))
+"""Members of a decision on the quality of a texture, and what is printed around them."""
+
+
 def reached(decisions: Sequence[Decision]) -> str:
     """The quality of textures, for the metadata: " (texture 20.1 to 20.3 dB)"."""
     texts = []
-    for name, before, after in (("snr_db", "", " dB"), ("st_sim", "ST-SIM ", "")):
+    for name, before, after in _REACHED:
         found = [value for each in decisions if (value := getattr(each, name)) is not None]
         if found:
             ends = dict.fromkeys((f"{min(found):.4g}", f"{max(found):.4g}"))
