@@ -52,6 +52,7 @@ from .knots import Coded
 from .lattice import FOUR_DIGITS_DOWN, LatticeSearch, sparse
 from .plan import (
     CLOCK_LABEL,
+    LARGEST_SHARE,
     Promise,
     absolute_threshold,
     amount_text,
@@ -650,6 +651,11 @@ class LiveEncoder:
             )
         return tracks
 
+    def notes(self) -> list[str]:
+        """What people should know of the channels at the end."""
+        encoders = [each for each in self.encoders.values() if isinstance(each, WithinEncoder)]
+        return [each.note for each in encoders if each.note]
+
     def use(self, channel: int, encoder: ChannelEncoder) -> None:
         """``encoder`` codes the channel. Before the channel's first block."""
         self.encoders[channel] = encoder
@@ -853,7 +859,7 @@ class WithinEncoder:
         self.allowed = 0.0
         self.exact: ExactEncoder | WordsEncoder | None = None
         self.within: GridEncoder | None = None
-        self.changes, self.is_exact = 0, False
+        self.changes, self.odd_count, self.is_exact = 0, 0, False
 
     def take(self, values: NDArray[Any], _start: int) -> Doubles:
         return floats(values, self.named).astype(np.float64, copy=False)
@@ -867,7 +873,21 @@ class WithinEncoder:
             return self.within.code(counts, start)
         if self.exact is None:
             self.exact = choose_exact(self.plan, self.number, x, self.before, counts=True)
+        self.odd_count += x.size if self.within or not np.isfinite(x).all() else 0
         return self.exact.code(self.exact.take(x, start), start)
+
+    @property
+    def note(self) -> str | None:
+        """What people should know at the end."""
+        label, extent = self.plan.input.label, float(self.high - self.low)
+        if self.odd_count:
+            return (
+                f"{self.odd_count} samples of {label!r} are kept bit for bit, with their clusters: "
+                "infinite values, or too large for the grid of the bound"
+            )
+        if self.plan.promise.k or not self.allowed > LARGEST_SHARE * extent > 0:
+            return None
+        return f"the largest error of {label!r} is {100 * self.allowed / extent:.3g} % of its range"
 
     def widen(self, x: Doubles) -> None:
         """Take a wider bound from this block on, where there is one."""
