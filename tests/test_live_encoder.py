@@ -18,6 +18,7 @@ from hapfmt.deadband import Deadband
 from hapfmt.encoder import live
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.live import Block, Input, LiveEncoder
+from hapfmt.encoder.settings import Tolerance
 from hapfmt.format.track import Track
 from hapfmt.limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT
 from hapfmt.reading.decoder import TrackDecoder
@@ -269,7 +270,8 @@ class TestLoss:
             (replace(COUNTS, unit="mm"), "exact"),
             (replace(COUNTS, unit="1", label="seq"), "exact"),
             (replace(COUNTS, unit="s"), "exact"),
-            (FLOATS, "exact"),
+            (FLOATS, "felt"),
+            (replace(FLOATS, unit="s"), "exact"),
         ],
     )
     def test_perceptual_goes_by_the_quantity(self, given, kind):
@@ -411,6 +413,102 @@ class TestFloats:
         self.same(recorded(np.array([1.5, 2], np.float16), FLOATS), np.array([1.5, 2.0]))
         with pytest.raises(ParameterError, match="integers beyond 2"):
             recorded(np.array([2**53]), FLOATS)
+
+
+LOSSY = {
+    "absolute": Settings.of("near-lossless", max_error="0.01"),
+    "coarse": Settings.of("near-lossless", max_error="5"),
+    "fine": Settings.of("near-lossless", max_error="1e-9"),
+    "range": Settings.of("near-lossless"),
+    "force": Settings.of("perceptual", texture=False),
+    "all felt": deadband(k=0.5),
+    "floor": deadband(floor="0.05"),
+}
+wild = st.lists(
+    st.tuples(st.integers(0, 699), st.sampled_from([inf, -inf, 1e300, -1e9, 9e4, -0.0, 5e-324])),
+    max_size=3,
+)
+
+
+class TestFloatsWithinABound:
+    """Every sample is within the bound, or the same double."""
+
+    @staticmethod
+    def values(tape):
+        found = []
+        for packet in sorted(tape.packets, key=lambda packet: packet.start):
+            track = tape.tracks[packet.track]
+            decoder = TrackDecoder(track, tape.level)
+            numbers = decoder.decode(packet)
+            doubles = decoder.decode_exact(packet, numbers)
+            if doubles is None and track.number_format == "counts":
+                doubles = Calibration(*track.components[0].calibration).physical(numbers)
+            found.append((numbers if doubles is None else doubles)[:, 0])
+        return np.concatenate(found).astype(np.float64)
+
+    @staticmethod
+    def check(x, y, settings):
+        same = x.view(np.int64) == y.view(np.int64)
+        finite = [Fraction(value) for value in x[np.isfinite(x)].tolist()]
+        extent = max(finite, default=0) - min(finite, default=0)
+        k, floor = Fraction(0), settings.max_error
+        if settings.preset == "perceptual":
+            k, floor = settings.k, settings.floor
+            floor = floor or (settings.deadband_floor if settings.felt else Tolerance(0.01))
+        amount = Fraction(floor.value) * (extent if floor.kind == "range" else 1)
+        for place in np.flatnonzero(~same).tolist():
+            a, b = Fraction(float(x[place])), Fraction(float(y[place]))
+            assert abs(a - b) <= max(k * abs(a), amount), (place, float(a), float(b))
+
+    @given(
+        signals,
+        st.sampled_from([1.0, 0.01, 1 / 3000, 1e-9, 7e11]),
+        st.sampled_from([0.0, 0.1, 101325.0, -3e7]),
+        wild,
+        block_sizes,
+        st.sampled_from(sorted(LOSSY)),
+    )
+    def test_law(self, x, step, middle, odd, sizes, name):
+        x = x * step + middle
+        for place, value in odd:
+            x[place % x.size] = value
+        self.check(x, self.values(recorded(x, FLOATS, LOSSY[name], sizes)), LOSSY[name])
+
+    @given(signals, signals, st.sampled_from(sorted(LOSSY)), st.sampled_from(sorted(LOSSY)))
+    def test_a_track_of_the_file_is_continued(self, x, more, before, after):
+        tape = recorded(x * 0.01, FLOATS, LOSSY[before])
+        first = max(tape.tracks)
+        again = Tape(LOSSY[after], first_track=first + 1)
+        again.encoder.known(0, tape.tracks[first])
+        again.tracks = dict(tape.tracks)
+        again.write(Block(0, FLOATS, x.size, more / 3.0))
+        self.check(more / 3.0, self.values(again), LOSSY[after])
+
+    @pytest.mark.parametrize("name", sorted(set(LOSSY) - {"fine"}))
+    def test_nearly_as_small_as_the_whole_recording(self, name):
+        g, t = np.random.default_rng(1), np.arange(20_000) / 1000
+        x = 2 * np.sin(2 * np.pi * 0.7 * t) + 1 + g.normal(0, 0.002, t.size)
+        size = sum(len(p.data) for p in recorded(x, FLOATS, LOSSY[name], (1000,)).packets)
+        channel = hapfmt.Channel(x, 1000, label="force", unit="N")
+        settings = replace(LOSSY[name], cluster=Fraction(1), force_error=name == "coarse")
+        whole = sum(len(p.data) for p in encode(hapfmt.Recording([channel]), settings).packets)
+        assert size < 1.3 * whole + 200
+
+    def test_the_bound_grows_with_the_range(self):
+        """A sensor at rest comes first: a thousandth of its noise is no bound for what follows."""
+        g, t = np.random.default_rng(1), np.arange(20_000) / 1000
+        x = g.normal(0, 1e-3, t.size) + np.where(t < 2, 0, 5 * np.sin(t) ** 3)
+        tape = recorded(x, FLOATS, LOSSY["range"], (1000,))
+        assert len(tape.tracks) < 8
+        assert sum(len(p.data) for p in tape.packets) < 1.0 * x.size
+        self.check(x, self.values(tape), LOSSY["range"])
+
+    def test_states_and_clocks_stay_exact_where_encode_keeps_them(self):
+        settings = Settings.of("perceptual", texture=False)
+        for values in (np.arange(3000) / 7, np.arange(3000) // 500 % 3 * 0.7):
+            x = values.astype(np.float64)
+            y = self.values(recorded(x, replace(FLOATS, unit="mm"), settings, (1000,)))
+            assert y.tobytes() == x.tobytes()
 
 
 class TestKnown:
@@ -555,14 +653,19 @@ class TestRefused:
     @pytest.mark.parametrize(
         ("settings", "why"),
         [
-            (deadband(), "the floor is relative"),
-            (Settings.of("near-lossless", max_error="1%"), "the largest error is relative"),
+            (deadband(), "0.2 % of range of 'torque' is not known before the end"),
+            (Settings.of("near-lossless", max_error="1%"), "1 % of range of 'torque'"),
             (Settings.of("near-lossless", max_error="1", tolerance="1e-3"), "states its lsb"),
+            (Settings.of("near-lossless", max_error="1 mm"), "does not fit a channel in N.m"),
         ],
     )
     def test_amounts(self, settings, why):
         with pytest.raises(ParameterError, match=why):
-            LiveEncoder(settings)
+            LiveEncoder(settings).level([COUNTS])
+
+    def test_an_amount_in_steps_needs_a_step(self):
+        with pytest.raises(ParameterError, match="'force' has no known step.*: add lsb="):
+            LiveEncoder(Settings.of("near-lossless", max_error="2lsb")).level([FLOATS])
 
     @pytest.mark.parametrize("dtype", ["i2", "i4", "i8", "u8"])
     @pytest.mark.parametrize("settings", [ARCHIVE, FAST, deadband(floor="9lsb")])
@@ -670,14 +773,14 @@ class TestDescribed:
         assert [packet.track for packet in packets] == [0]
 
     def test_what_depends_on_samples_waits_for_them(self):
-        encoder = LiveEncoder(deadband(floor="3lsb", k=Fraction(0)))
+        encoder = LiveEncoder(deadband(floor="0.003", k=Fraction(0)))
         assert encoder.begin({3: COUNTS, 4: FLOATS}) == []
         x = np.round(900 * np.sin(np.arange(1000) / 2)).astype(np.int64)
         tracks, packets = encoder.encode([Block(3, COUNTS, 0, x), Block(4, FLOATS, 0, x / 3)])
-        assert [(t.codec, t.first_channel) for t in tracks] == [("LPCR", 3), ("LPCX", 4)]
+        assert [(t.codec, t.first_channel) for t in tracks] == [("LPCR", 3), ("LPCR", 4)]
         assert [packet.track for packet in packets] == [0, 1]
 
-    @pytest.mark.parametrize("settings", [ARCHIVE, deadband(floor="3lsb")])
+    @pytest.mark.parametrize("settings", [ARCHIVE, deadband(floor="0.003")])
     def test_channels_without_a_sample(self, settings):
         encoder = LiveEncoder(settings)
         encoder.encode([Block(1, COUNTS, 0, np.array([5, 6]))])

@@ -107,7 +107,7 @@ SHARES = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 step."""
 
 _ONE_DIGIT_UP = Context(prec=1, rounding=ROUND_CEILING)
-_FOUR_DIGITS_DOWN = Context(prec=4, rounding=ROUND_FLOOR)
+FOUR_DIGITS_DOWN = Context(prec=4, rounding=ROUND_FLOOR)
 
 
 @dataclass(frozen=True)
@@ -350,7 +350,7 @@ def on_uniform_grid(
     room = error - float(np.spacing(max(-u[0], u[-1])))
     if room <= 0:
         return None
-    step = Fraction(_FOUR_DIGITS_DOWN.create_decimal_from_float(2 * room))
+    step = Fraction(FOUR_DIGITS_DOWN.create_decimal_from_float(2 * room))
     found = first_near(u, iter([on_grid(u, step, "a uniform grid")]), error, COUNT_BITS)
     if found is None:
         return None

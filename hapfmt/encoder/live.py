@@ -6,12 +6,13 @@ track continues the old one. A block is at most as long as one cluster, so that 
 more.
 
 This module also has the classes in which a caller declares a channel before its first sample. The
-whole recording is not available. So no bound is relative to a range, and only the grid of floating
-point values comes from the samples.
+whole recording is not available. So only the grid of floating point values comes from the samples,
+and a bound relative to their range is one relative to the range so far.
 
-Floating point channels are stored block by block and bit for bit: as counts and corrections, or as
-words. The grid is searched in the first block and then kept. Values off the grid take longer
-corrections. Any binary64 number has one, since places are counted modulo 2^64 (SPEC 9.7).
+Without loss, floating point channels are stored block by block and bit for bit: as counts and
+corrections, or as words. The grid is searched in the first block and then kept. Values off the grid
+take longer corrections. Any binary64 number has one, since places are counted modulo 2^64 (SPEC
+9.7). Within a bound, the bound gives the grid.
 """
 
 from __future__ import annotations
@@ -48,8 +49,18 @@ from .bounded import contract_for, scalar_ways
 from .exact import beside_counts, natural_candidate
 from .gridded import grid_within, nearest
 from .knots import Coded
-from .lattice import LatticeSearch, sparse
-from .plan import CLOCK_LABEL, Promise, absolute_threshold, bound_promise, quantity_of
+from .lattice import FOUR_DIGITS_DOWN, LatticeSearch, sparse
+from .plan import (
+    CLOCK_LABEL,
+    LARGEST_SHARE,
+    Promise,
+    absolute_threshold,
+    amount_text,
+    bound_promise,
+    exact_kind,
+    quantity_of,
+    without_glitches,
+)
 from .predict import encode_best, encode_quick
 from .rational import shortest_fraction
 from .settings import ALL, WEBER_LIMITS, Settings, Tolerance
@@ -66,7 +77,7 @@ class Input:
     ``rate``: ticks per second, a positive Fraction. With a ``calibration`` the samples are
     integers of ``bits`` signed bits. Without one they are floats in ``unit``. An ``lsb`` is a step
     in ``unit``: floats are rounded to its multiples, and the file declares half of it as deviation.
-    Without ``lsb`` floats are kept bit for bit.
+    Without ``lsb`` floats are kept bit for bit, or on a grid that suits a lossy preset.
     """
 
     label: str
@@ -236,17 +247,27 @@ def check_settings(settings: Settings) -> None:
         raise ParameterError(NEEDS_WHOLE.format("texture in preset perceptual"))
     if settings.tolerance is not None:
         raise ParameterError("while recording, an input states its lsb in place of a tolerance")
-    if settings.preset == "near-lossless" and settings.max_error.kind == "range":
-        raise ParameterError(relative("the largest error", "1lsb"))
-    if settings.felt == ALL and settings.deadband_floor.kind == "range":
-        raise ParameterError(relative("the floor", "0.01 (N) or 2lsb"))
 
 
-def relative(what: str, example: str) -> str:
-    return (
-        f"{what} is relative to the range of the samples, which is not known before the end: "
-        f"give an amount in the channel's unit or in steps, {example}"
-    )
+def check_amount(given: Input, promise: Promise) -> None:
+    """ParameterError where the amount of a promise has no meaning for the input.
+
+    Only floats take a grid from their first samples. Counts are described before the first one.
+    """
+    amount, has_step = promise.floor, given.calibration is not None or given.lsb is not None
+    if amount is None:
+        return
+    if amount.kind == "range" and has_step:
+        raise ParameterError(
+            f"{amount_text(amount)} of {given.label!r} is not known before the end: give an amount "
+            "in the channel's unit or in steps, such as 2lsb"
+        )
+    if amount.kind == "lsb" and not has_step:
+        raise ParameterError(
+            f"{given.label!r} has no known step, so an amount in lsb does not apply: add lsb="
+        )
+    if amount.kind == "absolute":
+        amount.in_unit(given.unit)
 
 
 def plan_input(given: Input, settings: Settings) -> Plan:
@@ -279,6 +300,7 @@ def plan_input(given: Input, settings: Settings) -> Plan:
         lsb=given.lsb,
     )
     promise = live_promise(channel, settings)
+    check_amount(given, promise)
     bound = None if calibration is None else bound_for(channel, promise, settings)
     return Plan(given, channel, low, high, settings, promise, bound)
 
@@ -295,9 +317,9 @@ def calibration_of(given: Input, lsb: float) -> Calibration:
 
 
 def live_promise(channel: Channel, settings: Settings) -> Promise:
-    """Preset perceptual, by what is known beforehand: felt quantities get their deadband, with a
-    floor of one count where none is given; all else is kept without loss, but for an absolute
-    error that the caller gave."""
+    """Preset perceptual, by what is known beforehand: felt quantities get their deadband, all else
+    a largest error. Where these are shares of a range, counts are kept without loss, and felt ones
+    get a floor of one count."""
     if settings.preset == "lossless":
         return Promise()
     if settings.preset == "near-lossless":
@@ -309,13 +331,13 @@ def live_promise(channel: Channel, settings: Settings) -> Promise:
     named = channel.label in (settings.felt or ())
     if quantity not in WEBER_LIMITS and not named:
         clock = quantity == "time" or (not quantity and CLOCK_LABEL.search(channel.label))
-        if clock or settings.max_error.kind == "range":
-            return Promise()
-        return bound_promise(settings)
+        relative = settings.max_error.kind == "range" and channel.calibration is not None
+        return Promise() if clock or relative else bound_promise(settings)
     limit = WEBER_LIMITS.get(quantity)
     k = settings.k if limit is None else min(settings.k, limit)
     floor = absolute_threshold(channel, settings) or floor
-    return Promise(ONE_COUNT if floor.kind == "range" else floor, k)
+    one_count = floor.kind == "range" and channel.calibration is not None
+    return Promise(ONE_COUNT if one_count else floor, k)
 
 
 def bound_for(channel: Channel, promise: Promise, settings: Settings) -> Bound | None:
@@ -494,10 +516,10 @@ class WordsEncoder:
 
 
 def choose_exact(
-    plan: Plan, number: int, first: NDArray[Any], before: Track | None
+    plan: Plan, number: int, first: NDArray[Any], before: Track | None, *, counts: bool = False
 ) -> ExactEncoder | WordsEncoder:
     """The encoder whose packet of the first block is the smallest; ``before``: the track that it
-    continues, which leaves no choice."""
+    continues, which leaves no choice; ``counts``: not as words, which no bound can follow."""
     if before is not None:
         return encoder_after(plan, number, before)
     x = floats(first, f"channel {number} ({plan.input.label!r})")
@@ -509,7 +531,8 @@ def choose_exact(
     if found and np.unique(doubles).size < SEEN:
         # Little is known of the signal yet: counts can become small later, words cannot.
         return found[-1]
-    found.append(words)
+    if not (found and counts):
+        found.append(words)
     return min(found, key=lambda each: len(each.code(each.take(first, 0), 0).packets[0].data))
 
 
@@ -628,6 +651,11 @@ class LiveEncoder:
             )
         return tracks
 
+    def notes(self) -> list[str]:
+        """What people should know of the channels at the end."""
+        encoders = [each for each in self.encoders.values() if isinstance(each, WithinEncoder)]
+        return [each.note for each in encoders if each.note]
+
     def use(self, channel: int, encoder: ChannelEncoder) -> None:
         """``encoder`` codes the channel. Before the channel's first block."""
         self.encoders[channel] = encoder
@@ -667,7 +695,11 @@ class LiveEncoder:
             plan = plan_input(block.input, self.settings)
             if plan.channel.calibration is None:
                 before = self.tracks.get(block.channel)
-                found = choose_exact(plan, block.channel, block.values, before)
+                found = (
+                    choose_exact(plan, block.channel, block.values, before)
+                    if plan.promise.lossless
+                    else WithinEncoder(plan, block.channel, before)
+                )
             elif plan.is_one_grid:
                 found = GridEncoder(plan, block.channel)
             else:
@@ -794,6 +826,149 @@ def checked(made: Made, x: NDArray[np.int64]) -> Made:
         if band.outside(x, y.astype(np.int64)).any():
             raise AssertionError("an encoder that guarantees a bound left it")
     return made
+
+
+ROOM = 1000
+"""How many times the largest value of its first block a channel within a bound may reach."""
+
+SHARES = (Fraction(1, 200), Fraction(1, 20), Fraction(1, 6), Fraction(1))
+"""Shares of the bound that a grid may take, the first that has the room; the last may have less."""
+
+CHANGES = 16
+"""So often a channel leaves its grid; then it keeps exact values."""
+
+ROUND_OFF = 2**-12
+"""Share of a bound that is left for rounding."""
+
+FAR_OFF = 1 << 32
+"""Steps from zero at which the rounding of float64 is below that of a count."""
+
+
+class WithinEncoder:
+    """Floats without a known step, within a bound: on a grid that suits the bound.
+
+    The first block gives the grid. A bound relative to the range is one to the range so far: it
+    holds for the whole range too, and grows when it can be twice as wide. A block with a value that
+    the grid does not hold is kept bit for bit.
+    """
+
+    def __init__(self, plan: Plan, number: int, before: Track | None) -> None:
+        self.plan, self.number, self.before = plan, number, before
+        self.named = f"channel {number} ({plan.input.label!r})"
+        self.low, self.high = inf, -inf
+        self.allowed = 0.0
+        self.exact: ExactEncoder | WordsEncoder | None = None
+        self.within: GridEncoder | None = None
+        self.changes, self.odd_count, self.is_exact = 0, 0, False
+
+    def take(self, values: NDArray[Any], _start: int) -> Doubles:
+        return floats(values, self.named).astype(np.float64, copy=False)
+
+    def code(self, x: Doubles, start: int) -> Made:
+        self.widen(x)
+        counts = self.counts(x) if self.within and self.changes < CHANGES else None
+        self.changes += bool(self.within) and counts is None and not self.is_exact
+        self.is_exact = counts is None
+        if counts is not None and self.within:
+            return self.within.code(counts, start)
+        if self.exact is None:
+            self.exact = choose_exact(self.plan, self.number, x, self.before, counts=True)
+        self.odd_count += x.size if self.within or not np.isfinite(x).all() else 0
+        return self.exact.code(self.exact.take(x, start), start)
+
+    @property
+    def note(self) -> str | None:
+        """What people should know at the end."""
+        label, extent = self.plan.input.label, float(self.high - self.low)
+        if self.odd_count:
+            return (
+                f"{self.odd_count} samples of {label!r} are kept bit for bit, with their clusters: "
+                "infinite values, or too large for the grid of the bound"
+            )
+        if self.plan.promise.k or not self.allowed > LARGEST_SHARE * extent > 0:
+            return None
+        return f"the largest error of {label!r} is {100 * self.allowed / extent:.3g} % of its range"
+
+    def widen(self, x: Doubles) -> None:
+        """Take a wider bound from this block on, where there is one."""
+        finite, allowed = x[np.isfinite(x)], self.bound(x)
+        if not allowed or allowed < 2 * self.allowed or (not self.within and self.is_kept(x)):
+            return
+        if self.exact is None:
+            if self.before is not None:
+                self.exact = encoder_after(self.plan, self.number, self.before)
+            elif lattice := bounded_grid(finite, allowed, offset=not self.plan.promise.k):
+                self.exact = ExactEncoder(self.plan, self.number, lattice)
+        if isinstance(self.exact, ExactEncoder):
+            plan = self.plan_within(self.exact.lattice, allowed)
+            if plan:
+                coder = BoundedEncoder(plan, plan.bound, self.number) if plan.bound else None
+                self.within, self.allowed = coder or GridEncoder(plan, self.number), allowed
+
+    def bound(self, x: Doubles) -> float:
+        """The largest error, or the floor, by the samples up to this block; 0 for none."""
+        amount = self.plan.promise.floor
+        assert amount is not None
+        calm = without_glitches(x[np.isfinite(x)])
+        if calm.size:
+            self.low, self.high = min(self.low, calm.min()), max(self.high, calm.max())
+        with np.errstate(over="ignore"):
+            extent = float(self.high - self.low) if self.low < self.high else 0.0
+        value = amount.absolute(extent, None, self.plan.input.unit)
+        return value if value is not None and value < inf else 0.0
+
+    def is_kept(self, x: Doubles) -> bool:
+        """Whether the preset keeps such samples without loss."""
+        felt = self.plan.settings.preset != "perceptual" or self.plan.promise.k
+        return not felt and bool(exact_kind(self.plan.channel, x))
+
+    def plan_within(self, lattice: LiveLattice, allowed: float) -> Plan | None:
+        """The plan for counts of this grid; None where it is too coarse, or its zero too far."""
+        c = lattice.calibration
+        half = float(abs(c.step) / 2 * (1 + ROUNDING))
+        if half > allowed or abs(c.b) > FAR_OFF * abs(c.a):
+            return None
+        channel = replace(self.plan.channel, calibration=c, deviation=Deviation(half, half))
+        promise = replace(self.plan.promise, floor=Tolerance(allowed))
+        bound = bound_for(channel, promise, self.plan.settings)
+        if bound and not bound.slack and not promise.k:
+            bound = None
+        plan = replace(
+            self.plan, channel=channel, low=lattice.low, high=lattice.high, promise=promise,
+            bound=bound,
+        )  # fmt: skip
+        return plan if plan.level.number == 1 else None
+
+    def counts(self, x: Doubles) -> NDArray[np.int64] | None:
+        """The counts of a block; None where the grid does not hold one of them."""
+        assert self.within
+        plan = self.within.plan
+        c = plan.calibration
+        with np.errstate(over="ignore", invalid="ignore"):
+            guess = (x * c.d - c.b) / c.a
+        if not ((guess >= plan.low) & (guess <= plan.high)).all():
+            return None
+        return np.clip(nearest_counts(x, c), plan.low, plan.high)
+
+
+def bounded_grid(x: Doubles, allowed: float, *, offset: bool) -> LiveLattice | None:
+    """The finest grid for a bound that has room for many times the finite values x; ``offset``:
+    its zero may lie in the middle of them."""
+    low, high = Fraction(float(x.min())), Fraction(float(x.max()))
+    largest = max(abs(low), abs(high))
+    error = Fraction(FOUR_DIGITS_DOWN.create_decimal_from_float(allowed * (1 - ROUND_OFF)))
+    for part in SHARES:
+        step = 2 * part * error
+        reach = HIGH * step
+        moved = offset and max(ROOM * (high - low), 2 * largest) <= reach < ROOM * largest
+        if reach < ROOM * largest and not moved and part < 1:
+            continue
+        if step.numerator < AFFINE_LIMIT and step.denominator < EXACT_LIMIT:
+            middle = round((low + high) / 2 / step) if moved else 0
+            found = Calibration(step.numerator, middle * step.numerator, step.denominator)
+            if abs(found.b) < AFFINE_LIMIT and found.covers(LOW, HIGH):
+                return LiveLattice(found, ExactParameters())
+    return None
 
 
 def check_block(block: Block) -> None:

@@ -174,7 +174,7 @@ class Worker:
         self.finished = False
         self.written_at = time.monotonic()
         self.notes: list[str] = []
-        """What could not be done at the end."""
+        """What people should know at the end."""
         self.error: BaseException | None = None
         self.thread = threading.Thread(target=self.run, name="hapfmt recorder", daemon=True)
 
@@ -278,7 +278,7 @@ class Worker:
         self.write_rest()
         self.describe_silent()
         self.observed.write(self.writer, self.first_tracks)
-        self.notes = self.observed.write_maps(self.writer)
+        self.notes = self.encoder.notes() + self.observed.write_maps(self.writer)
         metadata = closing()
         if metadata:
             self.writer.metadata(metadata)
