@@ -300,7 +300,7 @@ class TestTracks:
                   count_min=-9, count_max=9)  # fmt: skip
 
     def test_counts_need_no_exact_values(self):
-        """EXA-006: A decoder MUST give the counts whether or not it reads the exact values. Where what follows the n bytes breaks a rule, the packet has no exact values. A verifier, and a decoder that was asked for exact values, report it."""
+        """EXA-006: A decoder that is not asked for exact values MUST give the counts, whatever follows the n bytes. Where that breaks a rule, the packet does not decode for a verifier, nor for a decoder that is asked for exact values."""
         decoder = TrackDecoder(self.TRACK, ONE)
         for beside, rule in ((b"", None), (b"\4\0\0", "EXA-004"), (b"\0\0\0\1\1", "RNG-001")):
             broken = Packet(0, 0, 3, packet([1, 2, 3], beside))
@@ -312,12 +312,13 @@ class TestTracks:
             with pytest.raises(FormatError, match=rule):
                 decoder.decode_exact(broken, counts)
 
-    def test_broken_exact_values_are_nan(self):
-        pieces = PieceDecoder({0: TrackDecoder(self.TRACK, ONE)}, {0: (0, 9)}, exact=True)
-        piece = pieces.decode(Packet(0, 0, 3, packet([1, 2, 3], b"\4\0\0")))
-        assert piece.numbers.tolist() == [[1], [2], [3]]
-        assert np.isnan(piece.exact).all() and piece.exact.shape == (3, 1)
-        assert piece.fault.requirement == "EXA-004"
+    def test_broken_exact_values_do_not_decode(self):
+        broken = Packet(0, 0, 3, packet([1, 2, 3], b"\4\0\0"))
+        decoders, ranges = {0: TrackDecoder(self.TRACK, ONE)}, {0: (0, 9)}
+        counts = PieceDecoder(decoders, ranges, exact=False).decode(broken)
+        assert counts.numbers.tolist() == [[1], [2], [3]]
+        with pytest.raises(FormatError, match="EXA-004"):
+            PieceDecoder(decoders, ranges, exact=True).decode(broken)
 
     @pytest.mark.parametrize("wrong", [{"kind": "lf"}, {"kind": "hf"}], ids=str)
     def test_no_loss(self, wrong):

@@ -50,6 +50,13 @@ def test_any_mutant(seed: int) -> None:
     check_recovered(mutant(seed), limits_of(seed))
 
 
+@pytest.mark.parametrize("seed", [9064, 15_718, 18_204, 26_951])
+def test_no_sample_is_delivered_and_lost(seed: int) -> None:
+    """Intact packets that overlap, that pass the limit of a cluster, or of which the exact values
+    break a rule."""
+    check_recovered(mutant(seed), limits_of(seed))
+
+
 def test_every_verb_has_its_turn() -> None:
     assert 4 * len(VERBS) <= FEWEST * PER_FILE
     assert len(seeds()) > 500

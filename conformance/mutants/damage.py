@@ -49,13 +49,13 @@ MUTANTS = (
         ),
     ),
     mutant(
-        "exact-values-broken-cost-counts",
-        "A packet whose exact values break a rule is not delivered.",
+        "exact-values-broken-leave-counts",
+        "Of a packet whose exact values break a rule the counts are delivered.",
         "EXA-006",
         Edit(
-            "reading.reader:Reader.pieces",
-            "if isinstance(piece, DecodedPiece):",
-            "if isinstance(piece, DecodedPiece) and fault is None:",
+            "reading.decoder:PieceDecoder.decode",
+            "doubles = decoder.decode_exact(packet, numbers) if self.exact else None",
+            "doubles = None",
         ),
     ),
     mutant(
@@ -130,11 +130,7 @@ MUTANTS = (
         "file-id-of-first-header",
         "The file id is that of the first header, whatever follows.",
         "REC-013",
-        Edit(
-            IDENTIFY,
-            "max(reversed(votes), key=votes.__getitem__, default=None)",
-            "next(iter(votes), None)",
-        ),
+        Edit(IDENTIFY, "max(chosen, key=votes.__getitem__, default=None)", "next(iter(votes), None)"),
     ),
     mutant(
         "file-id-by-number-of-chunks",
@@ -146,6 +142,28 @@ MUTANTS = (
             "held = int(chunk.intact)",
         ),
         Edit(IDENTIFY, "held = held_size(chunk.payload, header.cluster_seed)", "held = 0"),
+    ),
+    mutant(
+        "file-id-by-bytes-alone",
+        "Most bytes choose the file id, whatever HEAD and the footer say.",
+        "REC-014",
+        Edit(IDENTIFY, 'first.intact and first.header.type == "HEAD"', "False"),
+    ),
+    mutant(
+        "file-id-without-description",
+        "A file id of which no track is described may be chosen.",
+        "REC-014",
+        Edit(IDENTIFY, " if file_id in described", ""),
+    ),
+    mutant(
+        "left-out-lost-whole",
+        "A packet that is left out has lost the ticks of other packets too.",
+        "REC-012",
+        Edit(
+            "reading.packets:PacketPass.packets",
+            "self.lines[track][0].uncovered(start, end or start)",
+            "[(start, end)]",
+        ),
     ),
     mutant(
         "file-id-from-within",

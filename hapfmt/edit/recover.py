@@ -506,8 +506,6 @@ class Copy:
             self.writer.level.check("payload_size", alone_size(packet), "LIM-001", packet.offset)
             if decoder is not None:
                 piece = self.pieces.decode(packet)
-                if piece.fault is not None:
-                    raise piece.fault
                 if packet.offset < self.stored.get(packet.track, (0, b""))[0]:
                     self.digests[packet.track].update(packet.start, piece.digested)
                 else:

@@ -24,6 +24,10 @@ FIRST_BLOCK, BLOCK_SIZE = 1 << 8, 1 << 16
 """Bytes per block when scanning for a header: the size doubles from the first to the second.
 So headers close to one another cost little."""
 
+FOOT_SIZE = HEADER_SIZE + 32
+MARK_BLOCK, MARK_BLOCK_LIMIT = 1 << 16, 1 << 22
+"""Bytes looked at first for the last index; the size doubles from the first to the second."""
+
 TABLE_WORK = 8
 """Reading the table of a damaged cluster costs at most 8 times the CRC of its payload."""
 
@@ -185,11 +189,18 @@ def walk(
 def identify(source: ByteSource) -> int | None:
     """The file id that most of the file belongs to; None if the file has no header.
 
-    So a block of another file does no harm, not even at the start (SPEC REC-013).
+    A block of another file does no harm, not even at the start (SPEC REC-013): the id of a HEAD at
+    the start counts where the last index or footer has it too, so a read by the index agrees.
     """
+    work = WORK_BASE + WORK_FACTOR * source.size
+    last = last_mark(source, work)
+    first = read_chunk(source, len(SIGNATURE)) if signed(source) else None
+    if first and last and first.intact and first.header.type == "HEAD":
+        if first.header.file_id == last.header.file_id:
+            return last.header.file_id
     # Bytes that hold under each id, in the order of their first headers.
     votes: dict[int, int] = {}
-    work = WORK_BASE + WORK_FACTOR * source.size
+    described = {last.header.file_id} if last else set()
     position = find_header(source, 0, None)
     while position is not None:
         chunk = read_chunk(source, position)
@@ -200,10 +211,48 @@ def identify(source: ByteSource) -> int | None:
         if header.type == "DATA" and not chunk.intact:
             work = spend(work, chunk, TABLE_WORK)
             held = held_size(chunk.payload, header.cluster_seed)
+        if header.type == "TRAK" and chunk.intact:
+            described.add(header.file_id)
         votes[header.file_id] = votes.get(header.file_id, 0) + held
         sure = chunk.intact or header.type == "aTTc" or follows(source, header, stop)
         position = find_header(source, stop if sure else position + 1, None)
-    return max(reversed(votes), key=votes.__getitem__, default=None)
+    # Without a description no packet can be read.
+    chosen = [file_id for file_id in reversed(votes) if file_id in described] or reversed(votes)
+    return max(chosen, key=votes.__getitem__, default=None)
+
+
+def signed(source: ByteSource) -> bool:
+    """Whether the file begins with the signature."""
+    return source.read_at(0, len(SIGNATURE)) == SIGNATURE
+
+
+def last_mark(source: ByteSource, work: int) -> Chunk | None:
+    """The footer that ends the file, or the last intact index or footer, under any id."""
+    foot = read_chunk(source, source.size - FOOT_SIZE) if source.size > FOOT_SIZE else None
+    if foot is not None and foot.intact and foot.header.type == "fOOT":
+        return foot
+    for chunk in marks_backwards(source):
+        work = spend(work, chunk)
+        if chunk.intact:
+            return chunk
+    return None
+
+
+def marks_backwards(source: ByteSource, lowest: int = 0) -> Iterator[Chunk]:
+    """Every index and footer with a valid header, the last one first, under any id."""
+    stop, size = source.size, MARK_BLOCK
+    while stop > lowest:
+        start = max(stop - size, lowest)
+        block = source.read_at(start, stop - start + len(SYNC) - 1)
+        at = block.rfind(SYNC)
+        while at >= 0:
+            header = header_at(source, start + at, None)
+            if header is not None and header.type in ("iNDX", "fOOT"):
+                chunk = read_chunk(source, start + at)
+                assert chunk is not None
+                yield chunk
+            at = block.rfind(SYNC, 0, at + len(SYNC) - 1)
+        stop, size = start, min(2 * size, MARK_BLOCK_LIMIT)
 
 
 def follows(source: ByteSource, header: ChunkHeader, stop: int) -> bool:

@@ -217,7 +217,6 @@ class DecodedPiece(NamedTuple):
     """One decoded packet: numbers [ticks, components] from tick ``start`` on, or events of a layer.
 
     exact: the source's doubles, of the same shape, if the packet has them and they were requested.
-    They are NaN if they break a rule; ``fault`` tells which one (EXA-006).
     """
 
     track: Track
@@ -227,7 +226,6 @@ class DecodedPiece(NamedTuple):
     events: Sequence[CodedEvent] = ()
     offset: int = 0
     """Offset of the packet in the file."""
-    fault: FormatError | None = None
 
     @property
     def digested(self) -> NDArray[Any]:
@@ -256,17 +254,11 @@ class PieceDecoder:
             events = [e for e in decoder.decode_events(packet) if first <= e.tick < last]
             return DecodedPiece(decoder.track, packet.start, NOTHING, None, events, packet.offset)
         numbers = decoder.decode(packet)
-        doubles: NDArray[np.float64] | None = None
-        fault = None
-        try:
-            doubles = decoder.decode_exact(packet, numbers) if self.exact else None
-        except FormatError as error:
-            # The counts hold all the same.
-            doubles, fault = np.full(numbers.shape, np.nan), error
+        doubles = decoder.decode_exact(packet, numbers) if self.exact else None
         a, b = max(first - packet.start, 0), min(last - packet.start, packet.span)
         doubles = None if doubles is None else doubles[a:b]
         return DecodedPiece(
-            decoder.track, packet.start + a, numbers[a:b], doubles, (), packet.offset, fault
+            decoder.track, packet.start + a, numbers[a:b], doubles, (), packet.offset
         )
 
 

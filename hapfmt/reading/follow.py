@@ -20,7 +20,7 @@ from ..format.cluster import Packet, parse_cluster, salvage_cluster
 from ..format.extras import FIRST_OFFSET
 from ..format.source import is_url, open_source
 from ..format.track import Track
-from ..format.walk import Chunk, Finding, header_at, read_chunk, walk
+from ..format.walk import Chunk, Finding, header_at, identify, read_chunk, walk
 from ..format.wire import SIGNATURE
 from .catalogue import Catalogue, ChannelRef, FalseIndexError
 from .opening import learn_checkpoint, lose_chunk, no_signature
@@ -79,6 +79,8 @@ class Follower(Closing):
         self.catalogue = Catalogue(self.source)
         self.last: Chunk | None = None
         self.file_id: int | None = None
+        self.first_id: int | None = None
+        """That of the HEAD at the start: another one shows another file."""
         self.closed = False
         self.cluster_count = 0
         self.stop_ns = 0
@@ -142,7 +144,7 @@ class Follower(Closing):
         other = (status.st_dev, status.st_ino) != self.identity
         if not other and self.file_id is not None:
             head = header_at(self.source, FIRST_OFFSET, None)
-            other = head is None or head.file_id != self.file_id
+            other = head is None or head.file_id != self.first_id
             other = other or (self.last is not None and status.st_size < self.last.stop)
         if other:
             before = self.source
@@ -170,7 +172,9 @@ class Follower(Closing):
         first = read_chunk(self.source, FIRST_OFFSET)
         if first is None or not first.intact:
             return False
-        self.file_id = self.catalogue.file_id = first.header.file_id
+        self.first_id = first.header.file_id
+        # Of a file that was spliced, the id that every reader takes (REC-013).
+        self.file_id = self.catalogue.file_id = identify(self.source)
         return True
 
     def start_at_index(self, file_id: int) -> None:
@@ -319,17 +323,11 @@ class WantedPackets:
         self.stops[packet.track] = stop
         if packet.stop <= self.ranges[packet.track][0]:
             return
-        piece = None
         try:
-            piece = PieceDecoder(self.decoders, self.ranges, exact=self.exact).decode(packet)
-            fault = piece.fault
-        except FormatError as error:
-            fault = error
-        if fault is not None:
+            yield PieceDecoder(self.decoders, self.ranges, exact=self.exact).decode(packet)
+        except FormatError as fault:
             catalogue = self.follower.catalogue
             if not catalogue.damaged:
-                raise fault
+                raise
             rule = fault.requirement or "COD-001"
             catalogue.lose("bad-packet", packet.offset, len(packet.data), fault.message, rule)
-        if piece is not None:
-            yield piece

@@ -9,6 +9,7 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from itertools import islice
 
 from ..errors import HARMLESS, FormatError, HapfmtError, UnsupportedError
 from ..format.extras import (
@@ -23,8 +24,18 @@ from ..format.extras import (
 )
 from ..format.source import ByteSource
 from ..format.track import check_range, unsupported_track
-from ..format.walk import Chunk, Finding, header_at, identify, read_chunk, walk
-from ..format.wire import HEADER_SIZE, SIGNATURE, SYNC
+from ..format.walk import (
+    FOOT_SIZE,
+    Chunk,
+    Finding,
+    header_at,
+    identify,
+    marks_backwards,
+    read_chunk,
+    signed,
+    walk,
+)
+from ..format.wire import HEADER_SIZE, SIGNATURE
 from ..limits import LEVELS, Limits
 from .catalogue import Catalogue, ChunkRef
 
@@ -81,14 +92,13 @@ MS = 10**6
 """Nanoseconds."""
 LAST_MS, FAR_NS = (1 << 53) - 1, 1 << 128
 """A time of an index that may be any later one (IDX-006), and a time after every packet."""
-FOOT_SIZE = HEADER_SIZE + 32
 LATER = frozenset({"DATA", "aTTc", "dGST", "cLOk", "cMAp", "iNDX", "fOOT"})
 """Chunks that are read on request only, or that the last index makes superfluous."""
 BACK = INDEX_EVERY + 2 * LEVELS[2].payload_size
 """Bytes before the end of an unclosed file in which an index is searched. At most this many bytes
 follow the last index, including an incomplete chunk."""
-BACK_BLOCK, TRIES = 1 << 16, 16
-"""Bytes looked at first, then twice as many; what looks like an index and is none."""
+TRIES = 16
+"""Indexes and footers that are looked at, intact or not."""
 
 
 class Bounded(list[Finding]):
@@ -128,16 +138,17 @@ def open_catalogue(
 def from_index(source: ByteSource, limits: Limits, file_id: int | None = None) -> Catalogue | None:
     """By the index of a closed file, or the last one of a file that was not closed; None where
     anything about it is not as it should be (IDX-003)."""
-    if source.size < FIRST_OFFSET + FOOT_SIZE or source.read_at(0, FIRST_OFFSET) != SIGNATURE:
+    if source.size < FIRST_OFFSET + FOOT_SIZE or not signed(source):
         return None
     try:
         first = read_chunk(source, FIRST_OFFSET, file_id)
         if first is None or not first.intact or first.header.type != "HEAD":
             return None
-        last = read_chunk(source, source.size - FOOT_SIZE, first.header.file_id)
-        if last is not None and last.intact and last.header.type == "fOOT":
-            return from_foot(source, last, limits)
-        return from_checkpoint(source, first.header.file_id, limits)
+        last = read_chunk(source, source.size - FOOT_SIZE)
+        if last is None or not last.intact or last.header.type != "fOOT":
+            return from_checkpoint(source, first.header.file_id, limits)
+        same = last.header.file_id == first.header.file_id
+        return from_foot(source, last, limits) if same else None
     except FormatError:
         return None
 
@@ -226,23 +237,16 @@ def learn_listed(catalogue: Catalogue, offset: int, file_id: int) -> bool:
 
 
 def last_index(source: ByteSource, file_id: int) -> Chunk | None:
-    """The last intact index, if it is where a writer puts one (IDX-005)."""
-    pattern = SYNC + b"iNDX"
+    """The last intact index, if it is where a writer puts one (IDX-005); None where an index or a
+    footer of another file comes after it (REC-013)."""
     lowest = max(source.size - BACK, FIRST_OFFSET)
-    tries, stop, size = 0, source.size, BACK_BLOCK
-    while stop > lowest:
-        start = max(stop - size, lowest)
-        block = source.read_at(start, stop - start + len(pattern) - 1)
-        at = block.rfind(pattern)
-        while at >= 0:
-            chunk = read_chunk(source, start + at, file_id)
-            if chunk is not None and chunk.intact and chunk.header.known:
-                return chunk
-            tries += 1
-            if tries == TRIES:
-                return None
-            at = block.rfind(pattern, 0, at + len(pattern) - 1)
-        stop, size = start, 2 * size
+    for chunk in islice(marks_backwards(source, lowest), TRIES):
+        if not chunk.intact:
+            continue
+        if chunk.header.file_id != file_id:
+            return None
+        if chunk.header.type == "iNDX" and chunk.header.known:
+            return chunk
     return None
 
 
@@ -282,7 +286,7 @@ def from_walk(
     if file_id is not None:
         return walked(source, limits, file_id, tolerant=tolerant)
     first = header_at(source, FIRST_OFFSET, None)
-    if first is None or source.read_at(0, FIRST_OFFSET) != SIGNATURE:
+    if first is None or not signed(source):
         return walked(source, limits, identify(source), tolerant=tolerant)
     try:
         found = walked(source, limits, first.file_id, tolerant=tolerant)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from math import ceil, floor
 from typing import NamedTuple
@@ -34,7 +34,7 @@ from ..format.wire import HEADER_SIZE, ChunkHeader
 from ..limits import Level, Limits
 from ..numbers import exact, tick_range
 from .catalogue import Catalogue, ChunkRef
-from .damage import UNKNOWN, Losses, Timeline, Times
+from .damage import UNKNOWN, Losses, LostSpan, Timeline, Times
 
 Ranges = Mapping[int, tuple[int, int]]
 Place = tuple[TableRow, int]
@@ -139,13 +139,33 @@ EXTRA_SIZE = 1 << 16
 
 @dataclass
 class TrackLine:
-    """Tracks that continue one another, or one alone: which is at work, and where its last packet
-    ended. ``free``: of events, whose packets come in any order, or unsupported."""
+    """Tracks that continue one another, or one alone: which is at work, where its last packet
+    ended, and the ``spans`` of all of them. ``free``: of events, whose packets come in any order,
+    or unsupported."""
 
     tracks: tuple[int, ...]
     free: bool = False
     place: int = 0
     stop: int = 0
+    spans: list[list[int]] = field(default_factory=list)
+
+    def advance(self, place: int, start: int, stop: int) -> None:
+        if self.spans and self.spans[-1][1] == start:
+            self.spans[-1][1] = stop
+        else:
+            self.spans.append([start, stop])
+        self.place, self.stop = place, stop
+
+    def uncovered(self, start: int, stop: int) -> Iterator[tuple[int, int]]:
+        """The ticks of a span that no packet has."""
+        for first, last in self.spans[bisect_right(self.spans, start, key=lambda s: s[1]) :]:
+            if first >= stop:
+                break
+            if start < first:
+                yield start, first
+            start = last
+        if start < stop:
+            yield start, stop
 
 
 def lines_of(catalogue: Catalogue) -> dict[int, tuple[TrackLine, int]]:
@@ -180,6 +200,8 @@ class PacketPass:
         self.offsets = sorted([*again, *(ref.offset for ref in catalogue.chunks)])
         self.lines = lines_of(catalogue)
         self.ranges: Ranges = {}
+        self.left_out: list[LostSpan] = []
+        """Intact packets that are not delivered."""
         self.unharmed: set[int] = set()
         """Offsets of damaged DATA chunks of which every packet holds."""
         self.timeline: Timeline | None = None
@@ -223,6 +245,10 @@ class PacketPass:
             self.suspect(ranges, UNKNOWN, offset)
         for track in sorted(ranges):
             self.losses.end(track, self.lines[track][0].stop)
+        for track, start, end, at in self.left_out:
+            # A tick is delivered or lost, never both.
+            for span in self.lines[track][0].uncovered(start, end or start):
+                self.losses.lose(track, *span, at or 0)
 
     def tail(self) -> list[int]:
         """Where a file that was not closed may have had more, at or behind its last chunk."""
@@ -318,7 +344,9 @@ class PacketPass:
             row = hole.row
             message = f"a packet of track {row.track} cannot be delivered"
             self.catalogue.lose("bad-packet", hole.offset, hole.size, message, "DAT-008")
-            if row.track in self.ranges or row.track not in self.catalogue.tracks:
+            if row.track in self.ranges:
+                self.left_out.append(LostSpan(row.track, row.start, row.stop, hole.offset))
+            elif row.track not in self.catalogue.tracks:
                 self.losses.lose(row.track, row.start, row.stop, hole.offset)
         elif hole.after is None and hole.before is None:
             at, message = ref.offset + HEADER_SIZE, "no packet can be read"
@@ -346,11 +374,11 @@ class PacketPass:
             message = f"a packet of track {packet.track} covers ticks that were delivered before"
             rule, size = error.requirement or "DAT-006", len(packet.data)
             self.catalogue.lose("overlap", packet.offset, size, message, rule)
-            self.losses.widen(packet.track, packet.start, packet.stop, packet.offset)
+            self.left_out.append(LostSpan(packet.track, packet.start, packet.stop, packet.offset))
             return False
         for track in line.tracks[line.place : place + 1]:
             self.losses.settle(track, last, packet.start)
-        line.place, line.stop = place, packet.stop
+        line.advance(place, packet.start, packet.stop)
         return True
 
 

@@ -476,14 +476,13 @@ class Reader(Closing):
             lambda job: (job, decode(job)), jobs, threads, lambda job: job.weight / IN_FLIGHT
         ):
             for packet, piece in zip(batch.packets, pieces, strict=True):
-                fault = piece.fault if isinstance(piece, DecodedPiece) else piece
-                if fault is not None:
-                    if not self.catalogue.damaged:
-                        raise fault
-                    # In a damaged file a broken rule is part of the damage (SPEC clause 14).
-                    self.lose_packet(packet, fault)
                 if isinstance(piece, DecodedPiece):
                     yield piece
+                    continue
+                if not self.catalogue.damaged:
+                    raise piece
+                # In a damaged file a broken rule is part of the damage (SPEC clause 14).
+                self.lose_packet(packet, piece)
 
     def packets(
         self,

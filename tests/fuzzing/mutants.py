@@ -19,6 +19,7 @@ from terminal import Said, called
 from hapfmt.edit.recover import recover
 from hapfmt.errors import HapfmtError, TruncatedError, UnsupportedError
 from hapfmt.limits import Limits
+from hapfmt.reading.reader import Reader
 from hapfmt.reading.verifier import verify
 
 from .files import LIMITS, of_file
@@ -234,9 +235,39 @@ def limits_of(seed: int) -> Limits:
     return TIGHT if seed % 4 == 3 else LIMITS
 
 
+Delivered = dict[int, list[tuple[int, int, bytes, bytes]]]
+"""By track: start, stop, counts and exact values of each packet."""
+
+
+def delivered(data: bytes, limits: Limits) -> Delivered | None:
+    """What a reader delivers of the tracks of channels, none of which it reports as lost; None where
+    it refuses the file."""
+    found: Delivered = {}
+    try:
+        with Reader(data, limits=limits, scan=True) as reader:
+            known = reader.catalogue.tracks
+            tracks = [
+                track for track in known.values()
+                if track.kind != "events" and not track.unsupported and not track.is_orphan(known)
+            ]  # fmt: skip
+            for piece in reader.pieces(tracks, exact=True):
+                exact = b"" if piece.exact is None else piece.exact.tobytes()
+                stop = piece.start + len(piece.numbers)
+                row = piece.start, stop, piece.numbers.tobytes(), exact
+                found.setdefault(piece.track.id, []).append(row)
+            for track, first, last, _ in reader.lost:
+                for start, stop, _, _ in found.get(track, []):
+                    end = stop if last is None else min(stop, last)
+                    assert end <= max(start, first), (reader.lost, track, start, stop)
+    except HapfmtError:
+        return None
+    return found
+
+
 def check_recovered(data: bytes, limits: Limits) -> str:
     """Whatever ``recover`` writes verifies as intact under the same limits: only a part that is
-    kept and not known makes it "unsupported". Returns what became of the file."""
+    kept and not known makes it "unsupported". It has exactly what a reader delivers of the file,
+    and that reports none of it as lost. Returns what became of the file."""
     before = verify(data, limits=limits)
     json.dumps(before.as_json(), allow_nan=False)
     out = io.BytesIO()
@@ -257,6 +288,9 @@ def check_recovered(data: bytes, limits: Limits) -> str:
     if before.verdict == "intact":
         assert done.exit_code == 0
         assert (after.samples, after.events) == (before.samples, before.events)
+    read = delivered(data, limits)
+    if read is not None and after.verdict == "intact":
+        assert delivered(out.getvalue(), limits) == read, done
     # What is intact stays as it is.
     again = io.BytesIO()
     assert recover(out.getvalue(), again, canonical=7, limits=limits).exit_code in (0, 4)

@@ -110,7 +110,7 @@ export function decodeOutput(file, decoded) {
     if (track.numberFormat === 'counts') {
       const calibration = track.calibrations[channel.component] ?? PLAIN;
       described.physical = store(`channel-${number}.physical`, rawChannelPhysical(channel, calibration));
-      if (channel.parts.some((part) => part.isExact) && channel.parts.every((part) => !part.isExact || part.hasExact)) {
+      if (channel.parts.some((part) => part.isExact)) {
         described.exact = store(`channel-${number}.exact`, rawChannelExact(channel, calibration));
       }
     }

@@ -144,3 +144,23 @@ def choices() -> Iterator[Case]:
         ],
         lost=[(track, 0, 1000) for track in range(3)],
     )  # fmt: skip
+    place, stop = large.of("DATA"), large.of("DATA", 1).at
+    packets = {2: [w.packet(0, 0, 1000)], 3: w.clusters(1000)[0]}
+    strangers = other_of(large, packets)[place.at : stop]
+    kept = dict.fromkeys(range(3), ((1000, 1004),))
+    damages = [("garbage", place.at, place.size), ("other-file", place.at, 0),
+               ("missing-chunk", stop, 0)]  # fmt: skip
+    gone = [(track, 0, 1000) for track in range(3)]
+    yield wrecked(
+        "most-bytes-of-another-file",
+        "Most bytes are of a cluster of another file; HEAD and footer choose the file id.",
+        [*RULES, "REC-014"], "framing/other-file", w.over(large.data, place.at, strangers),
+        kept=kept, damages=damages, lost=gone,
+    )  # fmt: skip
+    still = w.lay(HEAD, THREE, [w.packet(0, 0, 1000)], *w.clusters(1000), close=False)
+    yield wrecked(
+        "most-bytes-of-a-file-without-tracks",
+        "A file that was not closed; most bytes are of another file, of which no TRAK is there.",
+        [*RULES, "REC-014"], "framing/other-file", w.over(still.data, place.at, strangers),
+        kept=kept, damages=[*damages, ("not-closed", len(still.data), 0)], lost=gone,
+    )  # fmt: skip

@@ -229,6 +229,16 @@ def repeats() -> Iterator[Case]:
             ("not-closed", len(late.data) + len(again), 0),
         ],
     )  # fmt: skip
+    rows = [[w.packet(0, start, span)] for start, span in ((0, 4), (2, 10), (6, 2))]
+    crossed = w.lay(HEAD, THREE, *rows)
+    row = crossed.row(0, 2)
+    yield wrecked(
+        "overlap-between-others",
+        "Of a packet that is left out those ticks are lost that no delivered packet has.",
+        ["DAT-006", "REC-003", "REC-012"], "structure/overlap", crossed.data + b"\0",
+        kept={0: ((0, 4), (6, 8)), 1: (), 2: ()}, lost=[(0, 4, 6), (0, 8, 12)],
+        damages=[("garbage", len(crossed.data), 1), ("overlap", row.at, row.size)],
+    )  # fmt: skip
 
 
 def missing() -> Iterator[Case]:

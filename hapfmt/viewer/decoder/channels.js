@@ -34,10 +34,6 @@ class Part {
     return this.entry.track.codec === 'LPCX';
   }
 
-  get hasExact() {
-    return this.isExact && this.entry.pieces.every(({ exact }) => exact !== null);
-  }
-
   collect(member, ArrayType, spans, entry = this.entry) {
     const out = new ArrayType(countSpans(spans));
     copyNumbers(entry, this.component, spans, out, member);

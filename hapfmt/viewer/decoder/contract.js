@@ -114,7 +114,7 @@ function checkChannel(one, compared, residuals) {
     else checkScalar(one, contract, result);
     return result;
   }
-  const exact = channel.parts.length > 0 && channel.parts.every((part) => part.isExact && part.hasExact);
+  const exact = channel.parts.length > 0 && channel.parts.every((part) => part.isExact);
   const y = channelNumbers(channel, exact && source.format === 'binary64');
   const tolerance = track.deviations?.[channel.component];
   const same = sameness(source, track, channel, exact, tolerance);

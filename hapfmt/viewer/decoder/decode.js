@@ -24,7 +24,7 @@ export function decodeFile(file, { exact = true, sampleBound = SAMPLE_BOUND } = 
         for (const event of decodeEvents(track, bytes, start, span, offset)) entry.events.push(event);
         continue;
       }
-      entry.pieces.push({ start, stop: start + span, ...decodePiece(track, packet, exact, findings) });
+      entry.pieces.push({ start, stop: start + span, ...decodePacket(track, bytes, start, span, { exact, offset }) });
       pushSpan(entry.spans, start, start + span);
     } catch (error) {
       if (!(error instanceof HapfError)) throw error;
@@ -50,16 +50,4 @@ function checkSamples(file, tracks, sampleBound) {
 
 function findingOf({ requirement, offset, message, kind }, packet) {
   return { requirement, offset, message, kind, packet };
-}
-
-// Where only the exact values break a rule, the counts are delivered (EXA-006).
-function decodePiece(track, packet, exact, findings) {
-  const { start, span, bytes, offset } = packet;
-  try {
-    return decodePacket(track, bytes, start, span, { exact, offset });
-  } catch (error) {
-    if (!error.counts) throw error;
-    findings.push(findingOf(error, packet));
-    return { numbers: error.counts, exact: null };
-  }
 }

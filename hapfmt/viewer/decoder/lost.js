@@ -1,5 +1,6 @@
 // The losses (14.2): a walk over packets and holes in the order of the sequence numbers.
 import { unsupported } from './error.js';
+import { pushSpan } from './spans.js';
 
 const MS_BOUND = 2 ** 53 - 1;
 // One hole can affect every track: what this reader reports for all of them.
@@ -34,7 +35,7 @@ class Losses {
     this.states = new Map();
     for (const track of [...file.tracks.values()].sort((a, b) => a.id - b.id)) {
       const chain = track.chain ?? track.id;
-      if (!this.lines.has(chain)) this.lines.set(chain, { end: 0, rank: -1, states: [] });
+      if (!this.lines.has(chain)) this.lines.set(chain, { end: 0, rank: -1, states: [], spans: [] });
       const line = this.lines.get(chain);
       const state = { track, rank: track.base ?? track.id, line, hole: null };
       line.states.push(state);
@@ -61,6 +62,7 @@ class Losses {
     this.suspectMissing(before, this.found[this.found.length - 1] ?? -1, jumps[jumps.length - 1] ?? file.damages[0]);
     this.suspectTail();
     for (const state of this.states.values()) this.name(state, null);
+    for (const packet of file.held) if (packet.left && packet.damage) this.leaveOut(packet);
   }
 
   walkRows({ chunk, kept, holes, lostTable }) {
@@ -73,7 +75,6 @@ class Losses {
     this.suspectRun(behind.get(null), times);
     for (const packet of kept) {
       if (packet.delivered) this.pass(packet);
-      else if (packet.overlap) this.widen(this.states.get(packet.track), packet.start, packet.start + packet.span, packet.damage);
       this.suspectRun(behind.get(packet), times);
     }
   }
@@ -135,6 +136,23 @@ class Losses {
     }
     line.rank = own.rank;
     line.end = packet.start + packet.span;
+    pushSpan(line.spans, packet.start, line.end);
+  }
+
+  // An intact packet that is not delivered: a tick is delivered or lost, never both.
+  leaveOut({ track, start, span, damage }) {
+    const own = this.states.get(track);
+    if (!own || own.track.kind === 'events' || own.track.strange) return;
+    damage.took = [];
+    let at = start;
+    for (const [first, stop] of own.line.spans) {
+      this.spend(1);
+      if (stop <= at) continue;
+      if (first >= start + span) break;
+      if (at < first) damage.took.push({ track, start: at, stop: first });
+      at = stop;
+    }
+    if (at < start + span) damage.took.push({ track, start: at, stop: start + span });
   }
 
   name(state, limit) {

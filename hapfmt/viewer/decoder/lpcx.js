@@ -309,11 +309,6 @@ export function decodeLpcx(track, bytes, span, counts, offset, wantsExact) {
     }
   });
   if (!wantsExact) return null;
-  try {
-    const base = reader.offset;
-    return readExact(track, reader.bytes(reader.left), base, span, counts);
-  } catch (error) {
-    error.counts = counts; // they are valid all the same (EXA-006)
-    throw error;
-  }
+  const base = reader.offset;
+  return readExact(track, reader.bytes(reader.left), base, span, counts);
 }

@@ -5,6 +5,7 @@ import { unsupported } from './error.js';
 import { heldSize } from './salvage.js';
 
 const MEBIBYTE = 2 ** 20;
+const FOOT_SIZE = HEADER_SIZE + 32;
 // Each chunk and each damage is kept: a reader's own bound (clause 17).
 const CHUNK_BOUND = 2 ** 20;
 
@@ -38,7 +39,7 @@ export function walk(bytes) {
   };
 
   const signed = beginsWithSignature(bytes);
-  const fileId = identify(bytes, payloadHolds, meter);
+  const fileId = identify(bytes, signed, payloadHolds, meter);
   if (fileId === null) return { fileId, signed, chunks, damages, meter };
   let position = signed ? 8 : 0;
   if (!signed) report('bad-signature', 0, 8, 'the signature is damaged', 'FIL-001');
@@ -113,26 +114,46 @@ export function walk(bytes) {
   return { fileId, signed, chunks, damages, meter };
 }
 
-// The id under which most bytes are valid; of several the one whose first header is last (REC-013).
-function identify(bytes, payloadHolds, meter) {
+// The id of the HEAD at the start and of the last index or footer, if they agree. Else, of the ids with a TRAK or of that last one,
+// the id under which most bytes are valid; of several the one whose first header is last (REC-013).
+function identify(bytes, signed, payloadHolds, meter) {
+  const last = lastMark(bytes, payloadHolds);
+  const first = signed ? readHeader(bytes, 8) : null;
+  if (last !== null && first && first.type === 'HEAD' && first.fileId === last && payloadHolds(first)) return last;
   const votes = new Map(); // in the order of their first headers
+  const described = new Set([last]);
   for (let from = 0; ;) {
     const header = findHeader(bytes, from, () => true);
     if (!header) break;
-    const { fileId, type, position, payloadStart, payloadSize, end, sequence } = header;
+    const { fileId, type, payloadStart, payloadSize, end, sequence } = header;
     const intact = payloadHolds(header);
     let held = intact ? HEADER_SIZE + payloadSize : 0;
     if (type === 'DATA' && !intact) {
-      meter.take(8 * (end - payloadStart), position);
+      meter.take(8 * (end - payloadStart), header.position);
       held = heldSize(bytes, header, clusterSeed(header.seed, sequence));
     }
+    if (type === 'TRAK' && intact) described.add(fileId);
     votes.set(fileId, (votes.get(fileId) ?? 0) + held);
     const stop = payloadStart + payloadSize;
     const next = stop < bytes.length ? readHeader(bytes, stop) : null;
     const follows = next !== null && next.fileId === fileId && next.sequence === sequence + 1;
-    from = intact || type === 'aTTc' || stop === bytes.length || follows ? stop : position + 1;
+    from = intact || type === 'aTTc' || stop === bytes.length || follows ? stop : header.position + 1;
   }
+  const all = [...votes];
+  const chosen = all.some(([fileId]) => described.has(fileId)) ? all.filter(([fileId]) => described.has(fileId)) : all;
   let best = null;
-  for (const [fileId, held] of votes) if (best === null || held >= votes.get(best)) best = fileId;
+  for (const [fileId, held] of chosen) if (best === null || held >= votes.get(best)) best = fileId;
   return best;
+}
+
+// The id of the footer that ends the file, or of the last intact index or footer; null where there is none.
+function lastMark(bytes, payloadHolds) {
+  const at = bytes.length - FOOT_SIZE;
+  const foot = at >= 0 ? readHeader(bytes, at) : null;
+  if (foot && foot.type === 'fOOT' && foot.payloadSize === FOOT_SIZE - HEADER_SIZE && payloadHolds(foot)) return foot.fileId;
+  for (let position = bytes.length - HEADER_SIZE; position >= 0; position--) {
+    const header = readHeader(bytes, position);
+    if (header && (header.type === 'iNDX' || header.type === 'fOOT') && payloadHolds(header)) return header.fileId;
+  }
+  return null;
 }

@@ -38,7 +38,7 @@ def decode_into(source: str, folder: str) -> int:
 
 def decoded(reader: Reader, room: Path) -> dict[str, Any]:
     catalogue = reader.catalogue
-    tracks, layers, broken = decode_tracks(reader)
+    tracks, layers = decode_tracks(reader)
     reader.lost.extend(reader.lost_parts(catalogue.channels, "full"))
     return {
         "head": head_json(catalogue),
@@ -47,7 +47,7 @@ def decoded(reader: Reader, room: Path) -> dict[str, Any]:
             for id_ in sorted(tracks)
             if not tracks[id_].track.unsupported
         ],
-        "channels": channels_json(catalogue, tracks, room, broken),
+        "channels": channels_json(catalogue, tracks, room),
         "lf": band_json(catalogue, tracks, "lf", room),
         "hf": band_json(catalogue, tracks, "hf", room),
         "layers": [layer_json(catalogue, layer, layers[layer.id]) for layer in known(catalogue)],
@@ -59,20 +59,14 @@ def decoded(reader: Reader, room: Path) -> dict[str, Any]:
     }
 
 
-def decode_tracks(
-    reader: Reader,
-) -> tuple[dict[int, Decoded], dict[int, list[CodedEvent]], set[int]]:
-    """Numbers and events by track ids, nothing of those that are unsupported; the tracks of which
-    exact values break a rule."""
+def decode_tracks(reader: Reader) -> tuple[dict[int, Decoded], dict[int, list[CodedEvent]]]:
+    """Numbers and events by track ids, nothing of those that are unsupported."""
     all_tracks = reader.catalogue.tracks.values()
     tracks = {track.id: Decoded(track) for track in all_tracks if track.kind != "events"}
     layers: dict[int, list[CodedEvent]] = {layer.id: [] for layer in known(reader.catalogue)}
-    broken: set[int] = set()
     samples = events = 0
     supported = [track for track in all_tracks if not track.unsupported]
     for piece in reader.pieces(supported, exact=True):
-        if piece.fault is not None:
-            broken.add(piece.track.id)
         if piece.track.kind == "events":
             layers[piece.track.id] += piece.events
             events += len(piece.events)
@@ -81,7 +75,7 @@ def decode_tracks(
             samples += piece.numbers.size
             reader.limits.check("samples", samples)
             tracks[piece.track.id].add(piece.start, piece.numbers, piece.exact)
-    return tracks, layers, broken
+    return tracks, layers
 
 
 def known(catalogue: Catalogue) -> list[Track]:
@@ -133,7 +127,7 @@ def track_json(catalogue: Catalogue, found: Decoded, room: Path) -> dict[str, An
 
 
 def channels_json(
-    catalogue: Catalogue, tracks: dict[int, Decoded], room: Path, broken: set[int]
+    catalogue: Catalogue, tracks: dict[int, Decoded], room: Path
 ) -> list[dict[str, Any]]:
     assembly = Assembly(tracks, "full")
     out = []
@@ -153,7 +147,7 @@ def channels_json(
         if calibration:
             values = calibration.physical(channel.stored)
             one["physical"] = write_numbers(room, f"{name}.physical", values)
-        if has_exact(ref) and broken.isdisjoint(track.id for track in ref.tracks):
+        if has_exact(ref):
             one["exact"] = write_numbers(room, f"{name}.exact", channel.samples())
         out.append(one)
     return out
