@@ -470,22 +470,24 @@ def test_the_losses_of_damaged_files(
     path, blamed = folder / "lost.hapf", 0
     for i in range(examples(40)):
         data, other = rng.sample(files, 2)
-        size = rng.choice([1, 64, 512])
-        a, b = (size * rng.randrange(len(data) // size) for _ in range(2))
-        ways = (
-            lambda: harm(data, rng),
-            lambda: data[: a + 1],
-            lambda: swapped(data, *sorted((a, b)), size),
-            lambda: data[:a] + other[b : b + 3 * size] + data[a + 3 * size :],
-        )
-        path.write_bytes(ways[i % len(ways)]())
+        path.write_bytes(spoil(data, other, ("harm", "cut", "swap", "splice")[i % 4], rng))
         blamed += check_report(viewer, path)
     assert blamed > 10
 
 
-def swapped(data: bytes, a: int, b: int, size: int) -> bytes:
-    one, other = data[a : a + size], data[b : b + size]
-    return data[:a] + other + data[a + size : b] + one + data[b + size :] if a < b else data
+def spoil(data: bytes, other: bytes, way: str, rng: random.Random) -> bytes:
+    size = rng.choice([1, 64, 512])
+    a, b = (size * rng.randrange(min(len(data), len(other)) // size) for _ in range(2))
+    if way == "harm":
+        return harm(data, rng)
+    if way == "cut":
+        return data[: a + 1]
+    if way == "splice":
+        return data[:a] + other[b : b + 3 * size] + data[a + 3 * size :]
+    blocks = [data[at : at + size] for at in range(0, len(data), size)]
+    a, b = a // size, b // size
+    blocks[a], blocks[b] = blocks[b], blocks[a]
+    return b"".join(blocks)
 
 
 def check_bounds(viewer: Viewer, path: Path) -> set[str]:
