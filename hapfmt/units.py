@@ -404,5 +404,7 @@ def _annotation(text: str) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """Return a UCUM unit for people: nothing for the unit 1, counts for {count}."""
-    return "" if unit == "1" else unit.strip("{}") + "s" if unit == "{count}" else unit
+    """Return a UCUM unit for people: nothing for the unit 1, counts for {count}, raw for {raw}."""
+    if unit in ("1", "{count}"):
+        return "" if unit == "1" else "counts"
+    return unit[1:-1] if re.fullmatch(r"\{[^{}]+\}", unit) else unit

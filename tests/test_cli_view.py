@@ -144,6 +144,14 @@ class TestRefusals:
             done = run("view", name, "--no-browser", cwd=room)
             assert done.returncode == 1 and what in done.stderr.decode(), name
 
+    @pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
+    def test_of_a_pipe(self, room: Path) -> None:
+        """At once: nobody may ever write to it."""
+        os.mkfifo(room / "pipe.hapf")
+        done = run("view", "pipe.hapf", "--no-browser", cwd=room)
+        assert (done.returncode, done.stdout) == (1, b"")
+        assert b"pipe.hapf: not a regular file; the name - reads a pipe" in done.stderr
+
     @pytest.mark.parametrize("words", [["--no-browser"], ["--export", "a.html"]])
     @pytest.mark.parametrize(
         "data", [b"", b"\x89PNG\r\n\x1a\n" + bytes(1000), DATA[:8], DATA[:20]], ids=len

@@ -26,7 +26,9 @@ from server import serving
 from spec import ROOT
 
 import hapfmt
+from hapfmt.cli.info import channel_row
 from hapfmt.reading.reader import Band
+from hapfmt.reading.verifier import verify
 
 NODE = shutil.which("node")
 pytestmark = pytest.mark.skipif(NODE is None, reason="needs node")
@@ -90,9 +92,19 @@ def same(found: NDArray[np.float64], wanted: NDArray[np.float64]) -> None:
 
 
 BANDS: dict[str, Band] = {"sum": "full", "lf": "lf", "hf": "hf"}
+BOUND = 5
+"""The column of `hapfmt info` that has the error bound."""
 FAR = 1e30
 """Seconds: later than any sample."""
 VECTORS = ROOT / "conformance" / "vectors"
+
+
+def vectors(*folders: str) -> list[tuple[str]]:
+    return [
+        (str(path.relative_to(VECTORS)),)
+        for name in folders
+        for path in sorted((VECTORS / name).glob("*.hapf"))
+    ]
 
 
 def seconds_of(channel: Any, first: int, stop: int) -> NDArray[np.float64]:
@@ -402,7 +414,7 @@ def test_an_overview_shows_the_whole_at_once(viewer: Viewer, folder: Path) -> No
 
 def test_verify_and_bytes(viewer: Viewer, plain: Path, folder: Path) -> None:
     viewer.open(plain, "blob")
-    assert viewer.ask("verify", []) == {"verdict": "intact", "findings": []}
+    assert viewer.ask("verify", [])["verdict"] == "intact"
     assert viewer.ask("facts")["verdict"] == "intact"
     data = plain.read_bytes()
     assert bytes(viewer.ask("bytes", [10, 40_000])) == data[10:40_000]
@@ -414,6 +426,102 @@ def test_verify_and_bytes(viewer: Viewer, plain: Path, folder: Path) -> None:
     checked = viewer.ask("verify", [])
     assert checked["verdict"] == "damaged" and checked["findings"]
     assert viewer.ask("damage", [])
+
+
+def check_report(viewer: Viewer, path: Path) -> int:
+    """The verdict, the lost ticks of each channel and the marks on it are those of ``verify``."""
+    wanted = verify(path)
+    try:
+        facts = viewer.open(path)
+        found = viewer.ask("verify", [])
+    except ViewerError:
+        return 0
+    assert found["verdict"] == wanted.verdict, path
+    if wanted.verdict != "damaged":
+        return 0  # a rule that is broken in a file without damage loses nothing
+    assert wanted.damage
+    ticks = {each["channel"]: each["lost_ticks"] for each in wanted.damage["channels"]}
+    assert {each["channel"]: each["lost_ticks"] for each in found["channels"]} == ticks, path
+    lost = [span for each in wanted.damage["damages"] for span in each["lost"]]
+    blamed = {number for span in [*lost, *wanted.damage["lost"]] for number in span["channels"]}
+    marks = [mark for mark in viewer.ask("damage", []) if mark["time0"] is not None]
+    assert {number for mark in marks for number in mark["channels"]} == blamed, path
+    assert blamed <= {channel["index"] for channel in facts["channels"]}
+    return len(blamed)
+
+
+@pytest.mark.parametrize("name", sample(vectors("recoverable"), 12))
+def test_the_losses_of_damaged_vectors(viewer: Viewer, name: str) -> None:
+    check_report(viewer, VECTORS / name)
+
+
+def test_no_intact_channel_is_blamed(viewer: Viewer) -> None:
+    """A track is left out since another one has its channel, which is whole."""
+    path = VECTORS / "recoverable" / "channel-taken-and-damage.hapf"
+    assert check_report(viewer, path) == 0
+
+
+def test_the_losses_of_damaged_files(
+    viewer: Viewer, clusters: Path, mixed: Path, bands: Path, folder: Path
+) -> None:
+    """A flipped byte, a hole, a cut, blocks that change places, blocks of another file."""
+    rng = random.Random(28)
+    files = [path.read_bytes() for path in (clusters, mixed, bands)]
+    path, blamed = folder / "lost.hapf", 0
+    for i in range(examples(40)):
+        data, other = rng.sample(files, 2)
+        path.write_bytes(spoil(data, other, ("harm", "cut", "swap", "splice")[i % 4], rng))
+        blamed += check_report(viewer, path)
+    assert blamed > 10
+
+
+def spoil(data: bytes, other: bytes, way: str, rng: random.Random) -> bytes:
+    size = rng.choice([1, 64, 512])
+    a, b = (size * rng.randrange(min(len(data), len(other)) // size) for _ in range(2))
+    if way == "harm":
+        return harm(data, rng)
+    if way == "cut":
+        return data[: a + 1]
+    if way == "splice":
+        return data[:a] + other[b : b + 3 * size] + data[a + 3 * size :]
+    blocks = [data[at : at + size] for at in range(0, len(data), size)]
+    a, b = a // size, b // size
+    blocks[a], blocks[b] = blocks[b], blocks[a]
+    return b"".join(blocks)
+
+
+def check_bounds(viewer: Viewer, path: Path) -> set[str]:
+    """Each channel has the error bound in the words of ``hapfmt info``."""
+    found = {each["index"]: each["bound"] for each in viewer.open(path)["channels"]}
+    with hapfmt.Reader(path) as reader:
+        told = {ref.number: channel_row(ref)[BOUND] for ref in reader.channels}
+    assert found == told, path
+    return set(told.values())
+
+
+@pytest.mark.parametrize("name", sample(vectors("valid", "uncommon", "render"), 12))
+def test_the_bounds_of_vectors(viewer: Viewer, name: str) -> None:
+    check_bounds(viewer, VECTORS / name)
+
+
+def test_the_bounds_of_every_preset(viewer: Viewer, folder: Path) -> None:
+    values = np.cumsum(np.random.default_rng(4).standard_normal((2, 4000)), 1).round(3) / 20
+    path, words = folder / "bounds.hapf", set()
+    for i, (unit, options) in enumerate(
+        [
+            ("N", {"preset": "lossless"}),
+            ("{raw}", {"preset": "near-lossless"}),
+            ("{count}", {"preset": "near-lossless", "max_error": "1.125e-2"}),
+            ("N", {"preset": "perceptual"}),
+            ("N", {"preset": "perceptual", "k": 0.1225, "vectors": ((0, 1),)}),
+            ("1", {"preset": "paper"}),
+            ("m/s2", {"preset": "perceptual", "synthetic_texture": True}),
+        ]
+    ):
+        hapfmt.write(values, path, rate=2000, units=[unit] * 2, force=True, **options)
+        words |= check_bounds(viewer, path)
+        assert len(words) > i // 2, words
+    assert {"lossless", "synthetic"} <= {word for text in words for word in text.split()}, words
 
 
 def test_damage_is_a_gap_with_its_finding(viewer: Viewer, clusters: Path, folder: Path) -> None:
@@ -461,14 +569,6 @@ def test_a_dropped_request(viewer: Viewer, plain: Path) -> None:
     viewer.open(plain, "blob")
     assert viewer.ask("dropped", [0, 0, 30, "sum"]) == "AbortError"
     check_samples(viewer, plain)
-
-
-def vectors(*folders: str) -> list[tuple[str]]:
-    return [
-        (str(path.relative_to(VECTORS)),)
-        for name in folders
-        for path in sorted((VECTORS / name).glob("*.hapf"))
-    ]
 
 
 @pytest.mark.parametrize("name", sample(vectors("valid", "uncommon", "render"), 8))

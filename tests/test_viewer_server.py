@@ -238,6 +238,33 @@ class TestChanges:
         path.write_bytes(DATA[::-1])
         assert ask(viewer, "files/0")[2] == DATA[::-1]
 
+    @pytest.mark.skipif(os.name == "nt", reason="links and pipes of POSIX")
+    def test_a_link_or_a_pipe_under_its_name(self, own: tuple[Path, ViewServer]) -> None:
+        """Neither is read: not what the link points to, nor a pipe that nobody writes to."""
+        path, viewer = own
+        (path.parent / "secret").write_bytes(b"secret")
+        for make in (lambda: path.symlink_to("secret"), lambda: os.mkfifo(path), path.mkdir):
+            path.unlink()
+            make()
+            assert ask(viewer, "files/0")[:3:2] == (410, b"")
+        path.rmdir()
+        path.write_bytes(DATA)
+        assert ask(viewer, "files/0")[2] == DATA
+        path.parent.rename(path.parent.with_name("moved"))
+        path.parent.symlink_to("moved")
+        assert ask(viewer, "files/0")[:3:2] == (410, b"")
+
+    @pytest.mark.skipif(os.name == "nt", reason="links of POSIX")
+    def test_a_link_that_was_named(self, own: tuple[Path, ViewServer]) -> None:
+        """It is followed once, at the start."""
+        path, _ = own
+        link = path.with_name("latest.hapf")
+        link.symlink_to(path.name)
+        with ViewServer([ServedFile(str(link), link.name)]) as viewer:
+            link.unlink()
+            link.symlink_to("elsewhere")
+            assert ask(viewer, "files/0")[2] == DATA
+
     def test_cut_and_gone(self, own: tuple[Path, ViewServer]) -> None:
         path, viewer = own
         os.truncate(path, 10)

@@ -67,14 +67,13 @@ def view(
         raise ParameterError("--force requires --export")
     from ..viewer.server import ServedFile
 
-    for file in files:
-        refuse_other_format(file)
     with ExitStack() as stack:
         served = [
             stack.enter_context(ServedFile(input_of(file), name))
             for file, name in zip(files, names_of(files), strict=True)
         ]
         for file, each in zip(files, served, strict=True):
+            refuse_other_format(file)
             refuse_alien(file, each)
         if page is not None:
             write(served, page, force)
@@ -101,8 +100,6 @@ def refuse_other_format(file: str) -> None:
     if file == "-" or is_url(file):
         return
     with Source(file) as source:
-        if source.is_folder:
-            raise ParameterError("this is a folder, not a .hapf file", path=file)
         if source.head.startswith(SIGNATURE):
             return
         found = of_source(source)

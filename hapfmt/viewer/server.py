@@ -12,6 +12,7 @@ import os
 import re
 import secrets
 import socketserver
+import stat
 import sys
 import threading
 from collections.abc import Iterator, Sequence
@@ -20,9 +21,9 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
 from typing import Any, BinaryIO
 
-from ..errors import HapfmtError
+from ..errors import HapfmtError, ParameterError
 from ..files import Closing
-from ..format.source import ByteSource, FileSource, is_url, open_source
+from ..format.source import ByteSource, FileSource, is_url, open_source, source_of
 from .bundle import Page, page
 
 HOST = "127.0.0.1"
@@ -34,20 +35,25 @@ PART = 1 << 20
 TAGGED = 64
 """Bytes at the start of a file that tell it from another: its signature, its file id, its head."""
 BYTES = "application/octet-stream"
+READ = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 IDLE = 60
 """Seconds without a request after which a connection is closed."""
 
 
 class ServedFile(Closing):
     """A file as it is at each request: longer while it is being recorded, another if it is
-    replaced. ``file``: a path, a URL or a binary stream. ``name``: as a person knows it."""
+    replaced by one. Links are followed only at the start. ``file``: a path, a URL or a binary
+    stream. ``name``: as a person knows it."""
 
     def __init__(self, file: str | BinaryIO, name: str) -> None:
         self.name = name
-        self.path = file if isinstance(file, str) and not is_url(file) else None
-        self.kept = None if self.path is not None else open_source(file)
-        with self.opened():
-            pass  # an error is reported before the page is shown
+        self.kept = self.path = None
+        if isinstance(file, str) and not is_url(file):
+            open_regular(file).close()  # an error is reported before the page is shown
+            self.path, self.place = file, os.path.realpath(file)
+        else:
+            self.kept = open_source(file)
 
     @contextmanager
     def opened(self) -> Iterator[ByteSource]:
@@ -55,7 +61,9 @@ class ServedFile(Closing):
             yield self.kept
             return
         assert self.path is not None
-        source = open_source(self.path)
+        if os.path.realpath(self.place) != self.place:
+            raise ParameterError("a link has replaced the file", path=self.path)
+        source = source_of(open_regular(self.place, NO_LINK), self.path, owned=True)
         try:
             yield source
         finally:
@@ -64,6 +72,21 @@ class ServedFile(Closing):
     def close(self) -> None:
         if self.kept is not None:
             self.kept.close()
+
+
+def open_regular(path: str, flags: int = 0) -> BinaryIO:
+    """ParameterError for a folder, a device or a pipe, which nobody may ever write to."""
+    descriptor = os.open(path, READ | flags)
+    try:
+        mode = os.fstat(descriptor).st_mode
+        if stat.S_ISDIR(mode):
+            raise ParameterError("this is a folder, not a .hapf file", path=path)
+        if not stat.S_ISREG(mode):
+            raise ParameterError("not a regular file; the name - reads a pipe", path=path)
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
 
 
 def tag_of(source: ByteSource) -> str:
@@ -171,6 +194,9 @@ class ViewHandler(BaseHTTPRequestHandler):
                 wanted = span_of(self.headers.get("Range") if content else None, size)
                 start, stop = wanted or (0, size)
                 data = source.read_at(start, min(PART, stop - start)) if start < stop else b""
+            except ParameterError:
+                self.send_error(HTTPStatus.GONE)  # another kind of file has its name
+                return
             except (HapfmtError, OSError):
                 self.send_error(HTTPStatus.BAD_GATEWAY)  # it has gone, or its own server fails
                 return

@@ -7,7 +7,7 @@ import { openSource } from './sources.js';
 
 const TELL_MS = 100;
 
-// onProgress(done, of): of the reading and, as much again, of the decoding. -> { verdict, damages, findings }.
+// onProgress(done, of): of the reading and, as much again, of the decoding. -> { verdict, damages, channels, findings }.
 export async function checkFile(place, onProgress) {
   const source = await openSource(place);
   const { size } = source;
@@ -20,6 +20,6 @@ export async function checkFile(place, onProgress) {
       onProgress(size + (size * done) / of, 2 * size);
     },
   });
-  const { verdict, damages, findings } = reportOf(file);
-  return { verdict, damages: damagesOf(file), findings: [...damages, ...findings] };
+  const { verdict, damages, channels, findings } = reportOf(file);
+  return { verdict, damages: damagesOf(file), channels, findings: [...damages, ...findings] };
 }

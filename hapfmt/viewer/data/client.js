@@ -126,7 +126,7 @@ class Recording {
     try {
       const report = await link.call('check', [place], { signal, onProgress });
       await this.link.call('learn', [report]);
-      return { verdict: report.verdict, findings: report.findings };
+      return report;
     } finally {
       link.close();
     }

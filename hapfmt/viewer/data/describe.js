@@ -1,4 +1,5 @@
 // What a file says of itself, and where its channels begin and end.
+import { boundText } from './bounds.js';
 import { hasBands } from './signals.js';
 import { secondsAt } from './ticks.js';
 
@@ -40,7 +41,7 @@ function describeChannel(channel, extents) {
     group: of(track.groups), bodySite: of(track.bodySites), device: of(track.devices), rate: rateNum / rateDen,
     rateText: rateDen === 1 ? String(rateNum) : `${rateNum}/${rateDen}`, rateNum, rateDen, firstTick, stopTick,
     numberFormat: track.numberFormat,
-    bands: hasBands(channel) ? ['sum', 'lf', 'hf'] : ['sum'], codecs, deadband: deadbandOf(channel), step: stepOf(channel),
+    bands: hasBands(channel) ? ['sum', 'lf', 'hf'] : ['sum'], codecs, bound: track.unsupported ?? boundText(channel), deadband: deadbandOf(channel), step: stepOf(channel),
     hasKnots: parts.some(({ base }) => base.codec === 'KNOT'), unsupported: track.unsupported, track,
   };
 }

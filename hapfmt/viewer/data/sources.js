@@ -10,7 +10,8 @@ const CACHE = 2 ** 25;
 export const WHOLE_BOUND = 2 ** 30; // bytes of a file that is read as a whole
 
 export const failed = (message) => new HapfError('io', null, message);
-const changed = () => failed('the file changed while it was read');
+const changed = () => failed('the file changed while it was read; load the page again');
+const odd = (status) => failed(status === 410 ? 'something else has replaced the file; start hapfmt view again' : `the server answers a range with status ${status}`);
 
 export function aborted() {
   const error = new Error('the request was dropped');
@@ -104,7 +105,7 @@ class UrlParts {
     if (response.status === 200) return { whole: bytes };
     const place = placeOf(response);
     if (!place || place.stop !== place.size || place.stop - place.start !== bytes.length) {
-      throw failed(`the server answers a range with status ${response.status}`);
+      throw odd(response.status);
     }
     this.size = place.size;
     this.version = versionOf(response);
@@ -115,7 +116,7 @@ class UrlParts {
     const { response, bytes } = await this.request(`${start}-${stop - 1}`, stop - start);
     if (response.status === 200 || response.status === 416) throw changed();
     const place = placeOf(response);
-    if (!place) throw failed(`the server answers a range with status ${response.status}`);
+    if (!place) throw odd(response.status);
     const grown = this.version !== null && place.size > this.size; // by one that is being recorded
     if ((place.size !== this.size && !grown) || versionOf(response) !== this.version) throw changed();
     if (place.start !== start || place.stop !== stop || bytes.length !== stop - start) {

@@ -78,13 +78,12 @@ function seconds(track, tick) {
   return Number(exact / rate) + Number(exact % rate) / track.rateNum;
 }
 
-function channelsOfTrack(track) {
-  return track ? track.channels : [];
-}
+// No channel needs a track that is left out, such as one whose channels another one has (TRK-010).
+const channelsOfTrack = (file, id) => file.tracks.get(id)?.channels ?? [];
 
 function spanJson(file, { track: id, start, stop }) {
-  const track = file.allTracks.get(id);
-  return { track: id, channels: channelsOfTrack(track), start, stop, start_s: seconds(track, start), stop_s: seconds(track, stop) };
+  const track = file.tracks.get(id);
+  return { track: id, channels: channelsOfTrack(file, id), start, stop, start_s: seconds(track, start), stop_s: seconds(track, stop) };
 }
 
 function countBytes(damages) {
@@ -119,7 +118,7 @@ function channelReports(file, spans) {
     });
   }
   for (const span of spans) {
-    for (const channel of channelsOfTrack(file.allTracks.get(span.track))) channels.get(channel)?.spans.push(span);
+    for (const channel of channelsOfTrack(file, span.track)) channels.get(channel)?.spans.push(span);
   }
   return [...channels.keys()].sort((a, b) => a - b).map((channel) => {
     const { label, track, spans: lost } = channels.get(channel);

@@ -11,14 +11,15 @@ export function factsOf({ recording, lanes }) {
   const rates = [...new Set(lanes.map(({ rate }) => rate))].sort((a, b) => a - b);
   const shown = rates.length > 3 ? `${formatRate(rates[0])} to ${formatRate(rates[rates.length - 1])}` : rates.map(formatRate).join(', ');
   const preset = PRESET.exec(String(recording.metadata?.encoder ?? ''))?.[1];
-  const bounded = lanes.filter(({ channel }) => channel.deadband).length;
+  const bounds = [...new Set(lanes.map(({ channel }) => channel.bound))];
+  const lossless = lanes.filter(({ channel }) => channel.bound === 'lossless').length;
   return [
     formatDuration(recording.stop - recording.start),
     plural(lanes.length, 'channel'),
     shown,
     formatBytes(recording.size),
-    preset,
-    bounded ? (bounded === lanes.length ? 'deadband' : `deadband on ${plural(bounded, 'channel')}`) : null,
+    preset === bounds[0] ? null : preset,
+    bounds.length < 2 ? bounds[0] : lossless ? `${lossless} of ${plural(lanes.length, 'channel')} lossless` : null,
   ].filter(Boolean);
 }
 
@@ -42,7 +43,7 @@ export class Head {
       stacked: toggle('Stacked', 'One chart for each channel (m)', () => state.set({ mode: 'stacked' })),
       overlaid: toggle('Overlaid', 'One chart for each unit (m)', () => state.set({ mode: 'overlaid' })),
       ...Object.fromEntries(Object.entries(BANDS).map(([band, text], i) => [band, toggle(text, `${text} (${i + 1})`, () => this.app.toggleBand(band))])),
-      deadband: toggle('Deadband', 'How far the source may be from the line (d)', () => this.app.toggle('deadband')),
+      deadband: toggle('Error bound', 'How far the source may be from the line (d)', () => this.app.toggle('deadband')),
       knots: toggle('Knots', 'Support points of the slow part (k)', () => this.app.toggle('knots')),
       fit: toggle('Fit values', 'The scale of values fits what is in sight, not the whole recording (y)', () => this.app.toggleFit()),
       select: toggle('Select time', 'A drag on the charts selects a span of time and does not move them. Shift does the same', () => this.app.toggle('selecting')),
@@ -52,7 +53,7 @@ export class Head {
     narrow.addEventListener('change', () => this.update());
     const b = this.buttons;
     this.bands = group('Bands', b.sum, b.lf, b.hf);
-    this.bounds = group('Deadband', b.deadband, b.knots);
+    this.bounds = group('Error bound', b.deadband, b.knots);
     for (const band of Object.keys(BANDS)) b[band].prepend(element('span', { class: `dot ${band}`, 'aria-hidden': 'true' }));
     tools.append(b.side, group('Charts', b.stacked, b.overlaid), this.bands, this.bounds, group('Scale', b.fit), group('Selection', b.select), b.align,
       element('span', { class: 'space' }),
@@ -75,7 +76,7 @@ export class Head {
     buttons.knots.hidden = !lanes.some(({ channel }) => channel.hasKnots);
     // The bound on the length of a vector is none on each of its channels.
     buttons.deadband.disabled = !lanes.some(({ channel }) => channel.deadband && !channel.deadband.vector);
-    buttons.deadband.title = buttons.deadband.disabled ? 'The deadband bounds vectors of channels: no single channel has edges to draw' : 'How far the source may be from the line (d)';
+    buttons.deadband.title = buttons.deadband.disabled ? 'The bound is on vectors of channels: no single channel has edges to draw' : 'How far the source may be from the line (d)';
     this.bounds.hidden = buttons.deadband.hidden && buttons.knots.hidden;
     buttons.align.hidden = !canAlignByEpoch(state.entries);
     describeTheme(buttons.theme);

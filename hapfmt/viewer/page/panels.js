@@ -117,7 +117,7 @@ export class Panels {
       if (lane.channel.unsupported) return `${which}this viewer cannot decode it (${lane.channel.unsupported})`;
       if (failed) return `${which}it cannot be read (${failed.message})`;
       if (found.some(({ complete }) => complete === false)) return 'Reading …';
-      if (state.deadband && lane.channel.deadband?.vector) return `${which}its deadband bounds a vector of channels, so it has no edges here`;
+      if (state.deadband && lane.channel.deadband?.vector) return `${which}its error bound is that of a vector of channels, so it has no edges here`;
       if (chart.crowded || (state.knots && signals.get(lane, 'knots')?.kind === 'none')) return 'Zoom in to see the knots.';
     }
     return '';
@@ -159,5 +159,5 @@ export class Panels {
 
 export function laneTitle({ name, channel, entry, unit }) {
   const facts = [channel.quantity, channel.axis, channel.group, channel.device].filter(Boolean);
-  return [`${name}${unit ? ` (${unit})` : ''}`, ...facts, `${channel.rateText ?? channel.rate} Hz`, entry.name].join(' · ');
+  return [`${name}${unit ? ` (${unit})` : ''}`, ...facts, `${channel.rateText ?? channel.rate} Hz`, channel.bound, entry.name].join(' · ');
 }

@@ -1,4 +1,5 @@
 // The opened files and their channels on one time line.
+import { unitText } from '../data/bounds.js';
 import { openRecording } from '../data/client.js';
 import { listDamage, listEvents } from './marks.js';
 
@@ -21,7 +22,7 @@ export function lanesOf(entry) {
       index: channel.index,
       key: `${entry.number}:${channel.index}`,
       name: label || `channel ${channel.index}`,
-      unit: unit === '1' ? '' : unit || '',
+      unit: unitText(unit),
       rate: num / (den || 1) || channel.rate,
       text: [label || `channel ${channel.index}`, unit, group, device, quantity, axis, entry.name].filter(Boolean).join(' ').toLowerCase(),
       color: 0,

@@ -1,4 +1,5 @@
 // What is known of each file and each of its channels.
+import { unitText } from '../data/bounds.js';
 import { element } from './dom.js';
 import { formatBytes, formatDuration, plural } from './format.js';
 
@@ -33,10 +34,10 @@ class Files {
       ...Object.entries(metadata ?? {}).map(([key, value]) => [key, shortText(value)]),
     ];
     const list = element('dl', {}, ...facts.flatMap(([term, text]) => [element('dt', {}, term), element('dd', {}, element('bdi', {}, text))]));
-    const head = ['Channel', 'Unit', 'Rate, Hz', 'Codecs', 'Deadband'].map((text) => element('th', { scope: 'col' }, text));
+    const head = ['Channel', 'Unit', 'Rate, Hz', 'Error bound', 'Codecs'].map((text) => element('th', { scope: 'col' }, text));
     const rows = channels.slice(0, CHANNELS_LISTED).map((channel) => element('tr', {}, ...[
-      channel.label || `channel ${channel.index}`, channel.unit, channel.rateText ?? channel.rate,
-      Object.entries(channel.codecs ?? {}).map(([band, codec]) => `${codec} ${band}`).join(', '), deadbandText(channel),
+      channel.label || `channel ${channel.index}`, unitText(channel.unit), channel.rateText ?? channel.rate,
+      channel.bound, Object.entries(channel.codecs ?? {}).map(([band, codec]) => `${codec} ${band}`).join(', '),
     ].map((text) => element('td', {}, element('bdi', {}, String(text ?? ''))))));
     const more = channels.length - rows.length;
     return element('section', {},
@@ -49,12 +50,4 @@ class Files {
 function shortText(value) {
   const text = typeof value === 'string' ? value : JSON.stringify(value) ?? '';
   return text.length > TEXT_SHOWN ? `${text.slice(0, TEXT_SHOWN)}…` : text;
-}
-
-export function deadbandText({ deadband, unit }) {
-  if (!deadband) return '';
-  const { fraction, floor } = deadband;
-  const least = floor === undefined || floor === null ? '' : `at least ${floor} ${unit ?? ''}`.trim();
-  const share = fraction ? `${Number((fraction * 100).toPrecision(4))} %` : '';
-  return [share, least].filter(Boolean).join(', ');
 }
