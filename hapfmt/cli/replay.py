@@ -260,7 +260,7 @@ def reasons_of(renderer: Renderer) -> dict[str, str]:
 def command_line() -> str:
     """As typed but for the mapping, which the advice adds."""
     words, drop = ["hapfmt", "replay"], False
-    for word in click.get_current_context().meta[screen.TYPED]:
+    for word in click.get_current_context().meta[screen.AS_TYPED]:
         if not drop and word.partition("=")[0] not in MAPPING:
             words.append(word)
         drop = not drop and word in ("--map", "--ignore")

@@ -96,9 +96,10 @@ APART = (
     {"x", "y", "z"},
 )
 """Words of one group name different things: a channel of the left hand never drives the right."""
-NEUTRAL = frozenset(
-    "acceleration channel contact finger fingertip force hand normal on the tip vibration".split()
-)
+NEUTRAL = {
+    "acceleration", "channel", "contact", "finger", "fingertip", "force", "hand", "normal", "on",
+    "the", "tip", "vibration",
+}  # fmt: skip
 """Words that may stand beside the name of an actuator, and alone name none."""
 SHOWN = 12
 """Channels that a refusal lists."""
