@@ -110,6 +110,10 @@ class DeviceError(HapfmtError):
     exit_code = 6
 
 
+class DeviceGoneError(DeviceError):
+    """The device was unplugged or switched off: no further write can reach it."""
+
+
 class MissingExtraError(ParameterError):
     """An optional package is not installed; the message gives the command that brings it."""
 

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -343,10 +344,25 @@ class TestRefusals:
             assert "replay does not guess: " in said.err and "its unit is V" in said.err
             assert "actuators of two: 1=left, 2=right" in said.err
         offered = re.findall(r"^  (hapfmt replay .*)", dry(file=path).err, re.MULTILINE)
-        assert len(offered) == 2 and offered[0].endswith("--map a=left,b=right,c=ACTUATOR")
-        assert offered[1].endswith("--ignore c,3")
-        words = shlex.split(offered[1])[1:]
-        assert called(*words).code == 0
+        (line,) = offered
+        assert line.endswith("--ignore c,3") and called(*shlex.split(line)[1:]).code == 0
+
+    def test_the_command_lines_play_as_they_stand(self, profile, tmp_path):
+        """All other options are kept: above all the gain."""
+        path = tmp_path / "not 'a' thumb.hapf"
+        hapfmt.write(Recording((replace(steady(100)[0], label="not left", body_site=""),)), path)
+        words = ["--gain", "0.05", "--dry-run", "--map-by-order", "--ignore=0", "--stop=0.04"]
+        said = called("replay", path, "--device", profile, *words[:3], *words[5:])
+        lines = re.findall(r"^  (hapfmt replay .*)", said.err, re.MULTILINE)
+        assert said.code == 1 and [line.split(" --")[-1] for line in lines] == [
+            "map 'not left=left'", "map-by-order",
+        ]  # fmt: skip
+        for line in lines:
+            played = called(*shlex.split(line)[1:])
+            assert played.code == 0 and "two: gain 0.05" in played.err
+            assert max(values_of(played.out)) == (5, 0)
+        again = called("replay", path, *words, "--device", profile)
+        assert again.code == 1 and "nothing to play" in again.err
 
     @pytest.mark.parametrize("more", ["--map-by-order", "--ignore=b"])
     def test_two_ways_to_choose(self, dry, more):

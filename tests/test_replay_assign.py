@@ -12,15 +12,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rendering import file_of, profile_of
+from spec import ROOT
 
 from hapfmt import Calibration, Channel, Recording
 from hapfmt.errors import ParameterError
 from hapfmt.reading.reader import Reader
 from hapfmt.replay.profile.parse import load_profile
 from hapfmt.replay.render import Renderer, assign
-from hapfmt.replay.render.assign import words_of
+from hapfmt.replay.render.assign import APART, NEUTRAL, words_of
 
 FINGERS = profile_of(3, names=["thumb", "index", "middle"])
+BUILTIN = [path.stem for path in (ROOT / "hapfmt/replay/profile/builtin").glob("*.toml")]
 GLOVE5, GLOVE22 = load_profile("glove5"), load_profile("glove22")
 
 
@@ -124,6 +126,40 @@ class TestWords:
         assert re.search(what, said)
         assert "replay does not guess" in said
 
+    @pytest.mark.parametrize(
+        ("label", "name", "word"),
+        [
+            ("middle of the palm", "middle", "of, palm"),
+            ("middle palm", "middle", "palm"),
+            ("not thumb", "thumb", "not"),
+            ("thumb temperature", "thumb", "temperature"),
+            ("ring buffer", "ring", "buffer"),
+            ("sample index", "index", "sample"),
+            ("index of refraction", "index", "of, refraction"),
+            ("thumb 2", "thumb", "2"),
+        ],
+    )
+    def test_beside_others_that_are_not_known(self, label, name, word):
+        said = refused([label], GLOVE5, command="play it")
+        assert f"beside '{name}', it says what is not understood: {word}\n" in said
+        assert f"  play it --map '{label}={name}'\n" in said
+        assert mapping([channel(label, body_site=f"right {name} finger")], GLOVE5) == {0: name}
+
+    def test_without_a_unit(self):
+        """A channel without a unit drives only actuators that accept "1", and a note says so."""
+        for name in BUILTIN:
+            profile = load_profile(name)
+            for actuator in profile.actuators:
+                here = [channel(actuator.name, "1")]
+                if "1" in actuator.accepts:
+                    found, routes = found_for(here, profile)
+                    assert routes == {0: actuator.name}
+                    assert any(
+                        "it has no unit, so its values are fractions" in n for n in found.notes
+                    )
+                else:
+                    assert "its unit is 1, the actuator takes" in refused(here, profile)
+
     def test_names_on_the_other_hand(self):
         """The recording of a left hand on a device of the right."""
         profile = with_sites(["thumb", "index"], ["right thumb", "right index finger"])
@@ -132,6 +168,8 @@ class TestWords:
         assert "2 of 2 channels have no actuator" in refused(channels, profile)
 
 
+LISTED = {*NEUTRAL, *(word for group in APART for word in group)}
+ODD = ["not", "no", "temperature", "buffer", "sample", "of", "refraction", "7", "indexes"]
 WORDS = ["thumb", "index", "middle", "ring", "left", "right", "tip", "base", "x", "y", "force", "2"]
 texts = st.lists(st.sampled_from(WORDS), max_size=3).map(" ".join)
 described = st.builds(channel, texts, body_site=texts, axis=st.sampled_from(["", "x", "y"]))
@@ -143,6 +181,22 @@ def spoken(each: Channel) -> set[str]:
 
 
 class TestLaws:
+    @given(
+        st.lists(st.sampled_from([*WORDS, "hand", "on"]), max_size=3),
+        st.text("abcdefghijklmnopqrstuvwxyzäß", min_size=1, max_size=9) | st.sampled_from(ODD),
+        st.integers(0, 3),
+        profiles,
+    )
+    def test_a_label_with_an_unknown_word_drives_nothing(self, words, odd, at, actuators):
+        """
+        PLY-014: A player MUST NOT take a text for the name of an actuator if one of its words is not known. Words are known that are in the actuator's name or body site, those that name hands, fingers and axes, and a few neutral ones.
+        """
+        profile = with_sites(*zip(*actuators, strict=True))
+        if {odd} & {*WORDS, *LISTED}:
+            return
+        with pytest.raises(ParameterError):
+            mapping([" ".join([*words[:at], odd, *words[at:]])], profile)
+
     @given(st.lists(described, min_size=1, max_size=4), profiles)
     def test_of_words(self, channels, actuators):
         """No channel drives an actuator without a word in common, none drives two, none is left
@@ -299,7 +353,7 @@ class TestAdvice:
         st.sampled_from([GLOVE5, GLOVE22, FINGERS]),
     )
     def test_the_command_lines_play(self, channels, ignored, by_order, profile):
-        """Where a refusal names a command line without a blank to fill in, it plays."""
+        """Each command line of a refusal plays, and there is one where anything can play."""
         ignore = [str(number) for number in ignored if number < len(channels)]
         if {each.label for each in channels} & {*map(str, range(5))}:
             return  # a number that is another channel's label
@@ -322,11 +376,14 @@ class TestAdvice:
 
     def test_no_guess_for_one_channel_and_one_actuator(self):
         said = refused(["force"], profile_of(), command="play it")
-        assert "  play it --map force=ACTUATOR" in said and "--ignore" not in said
+        name = profile_of().actuators[0].name
+        assert f"for example:\n  play it --map force={name}" in said and "--ignore" not in said
 
     def test_many_channels_are_refused_in_few_words(self):
-        said = refused([f"c{i}" for i in range(300)], GLOVE5)
+        labels = [f"c{i}" for i in range(300)]
+        said = refused(labels, GLOVE5, command="play it")
         assert "300 of 300" in said and "and 288 more" in said and len(said) < 2000
+        assert [mapping(labels, GLOVE5, pairs) for pairs, _ in map(asked_by, options_in(said))]
 
 
 class TestPlan:
@@ -335,7 +392,7 @@ class TestPlan:
     """
 
     def test_each_route_has_its_reason(self):
-        channels = ["thumb", "force of the ring finger", channel("f", body_site="index finger")]
+        channels = ["thumb", "force on the ring finger", channel("f", body_site="index finger")]
         with Reader(file_of(Recording(tuple(
             each if isinstance(each, Channel) else channel(each) for each in channels
         )))) as reader:  # fmt: skip
@@ -344,8 +401,8 @@ class TestPlan:
         assert plan == [
             f"thumb <- 0 'thumb', by its label{limits}",
             f"index <- 2 'f', by the words of its body site, 'index finger'{limits}",
-            "ring <- 1 'force of the ring finger', by the words of its label, "
-            f"'force of the ring finger'{limits}",
+            "ring <- 1 'force on the ring finger', by the words of its label, "
+            f"'force on the ring finger'{limits}",
             "at rest: middle, little",
         ]
 

@@ -18,7 +18,7 @@ import hid_descriptors as hd
 import pytest
 from fake_hid import PATH, FakeHid, entry, installed
 
-from hapfmt.errors import DeviceError, MissingExtraError, ParameterError
+from hapfmt.errors import DeviceError, DeviceGoneError, MissingExtraError, ParameterError
 from hapfmt.replay.profile.matching import (
     SystemDevice,
     by_path,
@@ -247,6 +247,28 @@ class TestSink:
             opened().write((HidReport(path, b"\1ab"),))
         assert f"/dev/hidraw7: {path} report 0x01 was not taken" in str(caught.value)
         assert caught.value.exit_code == 6
+
+    @pytest.mark.parametrize(
+        ("text", "exists", "is_gone"),
+        [
+            ("No such device", True, True),
+            ("WriteFile: (0x0000048F) The device is not connected.", True, True),
+            ("IOHIDDeviceSetReport failed: (0xE00002C0) no such device", True, True),
+            ("Input/output error", True, False),
+            ("Input/output error", False, True),
+            ("", True, False),
+        ],
+    )
+    def test_a_device_that_is_gone(self, module, tmp_path, text, exists, is_gone):
+        module.answers |= {"write": lambda _: -1, "error": lambda: text}
+        node = tmp_path / "hidraw7"
+        if exists:
+            node.touch()
+        sink = HidSink(os.fsencode(node))
+        sink.open()
+        with pytest.raises(DeviceError) as caught:
+            sink.write((HidReport("output", b"\1ab"),))
+        assert isinstance(caught.value, DeviceGoneError) is is_gone
 
     def test_a_reason_that_cannot_be_had(self, module):
         def broken():

@@ -358,13 +358,17 @@ class TestWatchdog:
             assert dog.ended() == 0
         assert all(line.neutral for line in lines(dog.file))
 
-    def test_a_device_that_takes_nothing(self, tmp_path):
-        with Dog(tmp_path / "device", faults={"gone": 0}) as dog:
+    @pytest.mark.parametrize(
+        ("faults", "tried"), [({"gone": 0}, 1), ({"fail": {"frame": 0, "times": 9}}, 3)]
+    )
+    def test_a_device_that_takes_nothing(self, tmp_path, faults, tried):
+        """One try where it is gone, all of them where it is there."""
+        with Dog(tmp_path / "device", faults=faults) as dog:
             dog.ready()
             dog.hang_up()
             assert dog.ended() == 0
         assert dog.errors.watchdog.startswith(
-            "tripped: the writer has died; the device took 0 neutral frames, 3 not:"
+            f"tripped: the writer has died; the device took 0 neutral frames, {tried} not:"
         )
 
     @posix

@@ -35,7 +35,7 @@ REASONS = {
     **{f"WRT-00{n}": NO_APPEND for n in (6, 7)},
     **{f"EDT-00{n}": NO_EDITOR for n in range(1, 10)},
     **{f"OVW-00{n}": NO_VIEWER for n in range(1, 10)},
-    **{f"PLY-{n:03}": NO_PLAYER for n in range(1, 14)},
+    **{f"PLY-{n:03}": NO_PLAYER for n in range(1, 16)},
 }
 """Why no vector and no component can show it."""
 

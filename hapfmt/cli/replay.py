@@ -45,6 +45,8 @@ ENDLESS = 0
 METERED = 1000
 """Frames from one step of the progress bar to the next."""
 
+MAPPING = ("--map", "--ignore", "--map-by-order")
+
 ERROR, LOST = 1, 3
 """Exit codes: an error, done with loss (SPEC clause 13)."""
 
@@ -169,7 +171,7 @@ def replay(
             parts(channels, labels),
             by_order=map_by_order,
             ignore=parts(ignore, labels),
-            command=command_line(file, device, dry_run),
+            command=command_line(),
         )
         renderer = Renderer(reader, profile, assignment, start, stop, speed, loops)
         refuse_empty(renderer)
@@ -255,9 +257,13 @@ def reasons_of(renderer: Renderer) -> dict[str, str]:
     return {actuators[route.actuator].name: route.reason for route in renderer.routes}
 
 
-def command_line(file: str, device: str, dry_run: bool) -> str:
-    """As typed, for advice that continues it."""
-    words = ["hapfmt", "replay", file, "--device", device, *(["--dry-run"] if dry_run else [])]
+def command_line() -> str:
+    """As typed but for the mapping, which the advice adds."""
+    words, drop = ["hapfmt", "replay"], False
+    for word in click.get_current_context().meta[screen.AS_TYPED]:
+        if not drop and word.partition("=")[0] not in MAPPING:
+            words.append(word)
+        drop = not drop and word in ("--map", "--ignore")
     return shlex.join(map(printable, words))
 
 

@@ -486,8 +486,16 @@ class Text(click.types.StringParamType):
         return [CompletionItem(incomplete, type="file")]
 
 
+AS_TYPED = "hapfmt.as_typed"
+"""Key of a click context: the words behind the verb."""
+
+
 class Verb(click.Command):
     """A command whose examples have a heading, and whose options come in groups."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta[AS_TYPED] = list(args)
+        return super().parse_args(ctx, args)
 
     def __init__(self, *names: Any, **given: Any) -> None:
         super().__init__(*names, **given)

@@ -7,6 +7,7 @@ hold, and ``Recording.metadata["notes"]`` lists what :func:`read` left out.
 
 from __future__ import annotations
 
+import errno
 import os
 import warnings
 from collections.abc import Callable, Sequence
@@ -56,6 +57,9 @@ h5 haps hdf hdf5 hjif hmpg htm html ivs jpeg jpg json jsonl m4a mat mcap md mkv 
 npz ods ogg opus parquet pdf pickle pkl png pt pth py so svg tar tdms tgz toml tsv txt wav xdf xls
 xlsx xml xz yaml yml zarr zip zst
 """
+_MALFORMED = {None, errno.EINVAL, errno.EOVERFLOW}
+"""Of an OSError: of a library, or of a position that a file names and no file can have."""
+_ABSENT = {errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG}
 FOREIGN = frozenset(f".{suffix}" for suffix in _OTHERS.split())
 """Suffixes of other formats: no .hapf file is written under them."""
 
@@ -210,10 +214,10 @@ def _found(chosen: Format, source: Source, options: ReadOptions) -> Recording | 
     from ..recording import Recording
     from .tables import Import
 
-    with _plug_in(chosen):
+    with _plug_in(chosen), _reading(chosen, source):
         found = _code(chosen, "read").read(source, options)
         if isinstance(found, Import):
-            return found if chosen in OURS else replace(found, blocks=_guarded(chosen, found))
+            return replace(found, blocks=_guarded(chosen, found, source))
         if not isinstance(found, Recording):
             raise TypeError(f"read returned {type(found).__name__}, not a Recording or an Import")
     if options.select and "select" not in chosen.options:
@@ -221,13 +225,16 @@ def _found(chosen: Format, source: Source, options: ReadOptions) -> Recording | 
     return found
 
 
-def _guarded(chosen: Format, found: Import) -> Callable[[], Iterator[ImportBlock]]:
-    """The blocks of a plug-in, checked against its tables."""
+def _guarded(chosen: Format, found: Import, source: Source) -> Callable[[], Iterator[ImportBlock]]:
+    """The blocks of a file; those of a plug-in are checked against its tables."""
 
     def blocks() -> Iterator[ImportBlock]:
         from .tables import ImportBlock
 
-        with _plug_in(chosen):
+        with _plug_in(chosen), _reading(chosen, source):
+            if chosen in OURS:
+                yield from found.blocks()
+                return
             for number, first, values in found.blocks():
                 table = found.tables[number]
                 rows = {len(each) for each in values}
@@ -245,6 +252,24 @@ def _as_stated(values: Any, dtype: Any) -> Any:
     if values.dtype != dtype:
         raise TypeError(f"a block holds {values.dtype}, its column says {dtype}")
     return values
+
+
+@contextmanager
+def _reading(chosen: Format, source: Source) -> Iterator[None]:
+    """An OSError that a malformed file causes is a ParameterError; one of the system names the
+    file."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _MALFORMED:
+            reason = str(error).partition("\n")[0] or type(error).__name__
+            raise ParameterError(f"this {chosen.title} file is malformed: {reason}") from error
+        if source.is_folder and error.errno in _ABSENT and source.path.exists():
+            lacking = Path(str(error.filename)).name
+            raise ParameterError(f"this {chosen.title} folder has no file {lacking!r}") from error
+        if error.filename is None and source.name is not None:
+            error.filename = source.name
+        raise
 
 
 @contextmanager

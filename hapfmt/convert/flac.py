@@ -29,6 +29,8 @@ _TEXTS = ("label", "unit", "quantity", "axis", "group", "body_site", "device")
 
 def read(source: Source, options: ReadOptions) -> Import:
     """Counts as in .wav; in a file of ours with their scale, label and unit."""
+    if not source.head.startswith((b"fLaC", b"ID3")):
+        raise ParameterError("this is not a FLAC file: it does not begin with fLaC")
     return sound_of(source.stream, ".flac", options, _described)
 
 

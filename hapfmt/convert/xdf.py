@@ -248,7 +248,9 @@ def _scan(
             if tag == _FILE_HEADER:
                 header = _xml(raw)
                 continue
-            (number,) = struct.unpack_from("<I", raw)
+            with refusing(f"the chunk at byte {place} is too short", struct.error):
+                (number,) = struct.unpack_from("<I", raw)
+                clock = struct.unpack_from("<dd", raw, 4) if tag == _CLOCK_OFFSET else None
             if tag == _STREAM_HEADER:
                 if number in streams:
                     raise ParameterError(f"two streams have the number {number}")
@@ -259,8 +261,8 @@ def _scan(
             if number not in streams:
                 raise ParameterError(f"samples of stream {number} come before its header")
             stream = streams[number]
-            if tag == _CLOCK_OFFSET:
-                time, offset = struct.unpack_from("<dd", raw, 4)
+            if clock is not None:
+                time, offset = clock
                 if abs(time) < _STAMP_LIMIT and abs(offset) < _STAMP_LIMIT:
                     stream.offsets.append((stream.rows, time, offset))
                 held += 64

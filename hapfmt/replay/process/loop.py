@@ -20,7 +20,7 @@ from typing import Any, Literal, Protocol, cast, get_args
 
 import numpy as np
 
-from ...errors import DeviceError, HapfmtError
+from ...errors import DeviceError, DeviceGoneError, HapfmtError
 from ..profile.model import Frame, FrameBlock, FrameSink, HidReport, Profile
 from ..profile.packing import Packer
 from ..schedule import Schedule
@@ -162,9 +162,9 @@ STATUS_NS = 50_000_000
 PLAYER_NS = 3_000_000_000
 """A player that is silent for this long is treated as dead."""
 NEUTRAL_S = 0.02
-"""From one neutral frame to the next, where the period is longer."""
+"""From one neutral frame to the next, where the period is longer, or the device did not take it."""
 TRYING_S = 0.5
-"""For neutral frames that the device does not take."""
+"""For neutral frames that the device does not take, but could."""
 
 
 class FrameLoop:
@@ -197,13 +197,15 @@ class FrameLoop:
         self.generation = self.neutral = 0
         self.unsent = 0
         """The number of the first frame that was not sent yet."""
+        self.gone = False
+        """The device is; nothing more is written."""
         self.reason, self.error_code = "", 1
         self.signal: int | None = None
 
     def run(self) -> None:
         """Plays, then comes to rest. Errors are never raised: ``report`` holds them."""
         errors = 0
-        while errors < 2 and self.schedule.state != "ended":
+        while errors < 2 and not self.gone and self.schedule.state != "ended":
             try:
                 if self.guard is not None and self.guard.left_alone(clock()):
                     self.stop("late", "the writer was stalled, and the watchdog may have tripped")
@@ -353,6 +355,7 @@ class FrameLoop:
 
     def fail(self, error: Exception) -> None:
         lost = isinstance(error, DeviceError)
+        self.gone = self.gone or isinstance(error, DeviceGoneError)
         if isinstance(error, HapfmtError) and not lost:
             self.error_code = error.exit_code
         text = str(error) if isinstance(error, HapfmtError) else repr(error)
@@ -362,18 +365,19 @@ class FrameLoop:
         """The last that the device gets: neutral frames, and its own words of leave."""
         failing_until = clock() + round(TRYING_S * 1e9)
         period_s = min(self.period_ns / 1e9, NEUTRAL_S)
-        while self.neutral < self.profile.timing.neutral_count:
+        while not self.gone and self.neutral < self.profile.timing.neutral_count:
             if self.guard is not None and not self.guard.left_alone(clock()):
                 self.guard.beat(clock())
             try:
                 self.aside(self.packer.neutral())
                 self.neutral += 1
+                time.sleep(period_s)
             except Exception as error:
                 self.fail(error)
-                if clock() > failing_until:
+                if self.gone or clock() > failing_until:
                     break
-            time.sleep(period_s)
-        if self.neutral and self.profile.exit:
+                time.sleep(NEUTRAL_S)
+        if self.neutral and not self.gone and self.profile.exit:
             try:
                 self.aside(self.profile.exit)
             except Exception as error:

@@ -26,7 +26,7 @@ import time
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from ...errors import DeviceError, HapfmtError
+from ...errors import DeviceError, DeviceGoneError, HapfmtError
 from ..profile.model import Frame, FrameSink
 from ..sinks import open_sink
 from . import children
@@ -84,6 +84,7 @@ class Watchdog:
         """Number of the neutral frame; some frames contain it."""
         self.sent = self.failed = 0
         self.error = ""
+        self.device_gone = False
         self.asked = asked
         """Signals that asked it to end; it is the writer that does that."""
 
@@ -135,7 +136,7 @@ class Watchdog:
         self.target.send(pack_json(Kind.TRIPPED, cause=cause))
         rest = len(self.setup.neutral) - 1
         gone = False
-        while rest > 0 or not gone:
+        while not self.device_gone and (rest > 0 or not gone):
             time.sleep(self.setup.period_s)
             self.listen()
             if not gone and (self.goodbye or self.source.ended):
@@ -157,6 +158,7 @@ class Watchdog:
         except Exception as error:
             self.failed += 1
             self.error = str(error)
+            self.device_gone = isinstance(error, DeviceGoneError)
 
     @staticmethod
     def say(**state: Any) -> None:

@@ -159,7 +159,7 @@ class Actuator:
     band: Literal["full", "lf", "hf"] = "full"
     """What of a channel it can render."""
     accepts: dict[str, float] = field(default_factory=dict)
-    """Recorded unit (UCUM) -> ``unit`` per recorded unit; channels in other units are left out."""
+    """Recorded unit (UCUM) -> ``unit`` per recorded unit; channels in other units are refused."""
     gain: float = 1.0
     offset: float = 0.0
     """Calibration of this actuator: what it is given is ``gain * value + offset``."""

@@ -92,15 +92,19 @@ def factor_for(unit: str, accepts: Mapping[str, float]) -> Fraction | None:
 
 APART = (
     {"left", "right"},
-    {"thumb", "index", "middle", "ring", "little", "palm", "wrist"},
+    {"thumb", "index", "middle", "ring", "little", "palm", "wrist", "arm", "elbow", "shoulder"},
     {"x", "y", "z"},
 )
 """Words of one group name different things: a channel of the left hand never drives the right."""
+NEUTRAL = {
+    "acceleration", "channel", "contact", "finger", "fingertip", "force", "hand", "normal", "on",
+    "the", "tip", "vibration",
+}  # fmt: skip
+"""Words that may stand beside the name of an actuator, and alone name none."""
 SHOWN = 12
 """Channels that a refusal lists."""
 ALIKE = 0.75
 """How alike two spellings must be (difflib) for a hint."""
-PLACEHOLDER = "ACTUATOR"
 
 
 @dataclass(frozen=True)
@@ -211,10 +215,6 @@ def within(few: Sequence[str], many: Sequence[str]) -> bool:
     return any(not word.isdigit() for word in few) and not Counter(few) - Counter(many)
 
 
-def similar(one: Sequence[str], other: Sequence[str]) -> bool:
-    return within(one, other) or within(other, one)
-
-
 def apart(one: Sequence[str], other: Sequence[str]) -> bool:
     """True if the words name different hands, fingers or axes."""
     return any(
@@ -223,20 +223,28 @@ def apart(one: Sequence[str], other: Sequence[str]) -> bool:
     )
 
 
-def evidence(ref: ChannelRef, actuator: Actuator) -> str:
-    """Why the words of a channel name an actuator; empty where they do not."""
+def evidence(ref: ChannelRef, actuator: Actuator) -> tuple[str, list[str]]:
+    """Why the words of a channel name an actuator, empty where they do not; and the words beside
+    the name that are not known, or name another hand, finger or axis too."""
     part = ref.track.components[ref.index]
     own = {"label": part.label, "body site": part.body_site, "axis": part.axis}
     theirs = [words for text in (actuator.name, actuator.body_site) if (words := words_of(text))]
     spoken = {what: words for what, text in own.items() if (words := words_of(text))}
     if any(apart(words, others) for words in spoken.values() for others in theirs):
-        return ""
-    if spoken.get("label") == words_of(actuator.name) and "label" in spoken:
-        return SAME
-    for what, words in spoken.items():
-        if any(similar(words, others) for others in theirs):
-            return f"by the words of its {what}, {own[what]!r}"
-    return ""
+        return "", []
+    its_words = set().union(*theirs)
+    known = its_words.union(NEUTRAL, *(group for group in APART if not group & its_words))
+    if "label" in spoken and spoken["label"] == words_of(actuator.name):
+        return SAME, []
+    found = [
+        (f"by the words of its {what}, {own[what]!r}", [w for w in words if w not in known])
+        for what, words in spoken.items()
+        if any(
+            within(others, words) or (within(words, others) and not NEUTRAL.issuperset(words))
+            for others in theirs
+        )
+    ]
+    return min(found, key=lambda each: len(each[1]), default=("", []))
 
 
 SAME = "by its label"
@@ -247,12 +255,13 @@ def by_words(channels: Sequence[ChannelRef], profile: Profile) -> Found:
     """Routes where a channel names one actuator and no other channel names it."""
     found = Found()
     named: dict[int, dict[int, str]] = {}
+    unknown: dict[int, list[str]] = {}
     for ref in channels:
-        reasons = {
-            place: reason
-            for place, actuator in enumerate(profile.actuators)
-            if fit(ref, actuator)[0] is not None and (reason := evidence(ref, actuator))
-        }
+        reasons = {}
+        for place, actuator in enumerate(profile.actuators):
+            reason, odd = evidence(ref, actuator)
+            if reason and fit(ref, actuator)[0] is not None:
+                reasons[place], unknown[ref.number] = reason, odd
         same = {place: reason for place, reason in reasons.items() if reason == SAME}
         named[ref.number] = same or reasons
     by_actuator: dict[int, list[ChannelRef]] = {}
@@ -271,6 +280,13 @@ def by_words(channels: Sequence[ChannelRef], profile: Profile) -> Found:
             )
             continue
         ((place, reason),) = reasons.items()
+        if reason != SAME and unknown[ref.number]:
+            found.near[ref.number] = names_found
+            found.faults[ref.number] = (
+                f"beside {names_found[0]!r}, it says what is not understood: "
+                f"{listed(unknown[ref.number])}"
+            )
+            continue
         rivals = by_actuator[place]
         exact = [each for each in rivals if named[each.number][place] == SAME]
         if (exact or rivals) == [ref]:
@@ -432,18 +448,27 @@ def advice(
     *,
     by_order: bool,
 ) -> Iterator[tuple[str, str]]:
-    """What the user can do, and the options for it."""
+    """What the user can do, and the options for it, which play as they stand."""
+    chosen = {route.channel: profile.actuators[route.actuator].name for route in found.routes}
+    lacking = [ref for ref in asked if ref.number in found.faults]
+    for near_only in (True, False):  # the actuators that were meant go first
+        for ref in lacking:
+            near = found.near.get(ref.number, ())
+            free = [
+                actuator.name
+                for actuator in profile.actuators
+                if actuator.name not in chosen.values()
+                and (actuator.name in near or not near_only)
+                and fit(ref, actuator)[0] is not None
+            ]
+            if free and ref.number not in chosen:
+                chosen[ref.number] = min(free, key=near.index) if near_only else free[0]
+    if len(chosen) > len(found.routes):
+        yield "to choose actuators, for example", f"--map {pairs(chosen, called)}"
+    elif not found.routes:
+        return
     if len(found.faults) > SHOWN:
         return
-    able = [ref.number for ref in asked if ref.number in found.faults and fits_any(ref, profile)]
-    chosen = {route.channel: profile.actuators[route.actuator].name for route in found.routes}
-    used = set(chosen.values())
-    for number in able:
-        free = [name for name in found.near.get(number, ()) if name not in used]
-        chosen[number] = free[0] if free else PLACEHOLDER
-        used |= set(free[:1])
-    if able:
-        yield "to choose actuators", f"--map {pairs(chosen, called)}"
     if found.routes:
         gone = [called[number] for number in sorted({*ignored, *found.faults})]
         order = "--map-by-order " if by_order else ""
@@ -471,10 +496,6 @@ def short_name(ref: ChannelRef, channels: Sequence[ChannelRef]) -> str:
     return label if label and plain and alone else str(ref.number)
 
 
-def fits_any(ref: ChannelRef, profile: Profile) -> bool:
-    return any(fit(ref, actuator)[0] is not None for actuator in profile.actuators)
-
-
 def listed(texts: Sequence[str]) -> str:
     more = f" and {len(texts) - SHOWN} more" if len(texts) > SHOWN else ""
     return ", ".join(texts[:SHOWN]) + more
@@ -500,7 +521,9 @@ def unit_of(ref: ChannelRef) -> str:
 
 
 def parts_left(ref: ChannelRef, actuator: Actuator) -> Iterable[str]:
-    """What of a channel the actuator does not render."""
+    """What of a channel the actuator does not render, or takes on trust."""
+    if unit_of(ref) == "1":
+        yield f"it has no unit, so its values are fractions of the full output of {actuator.name!r}"
     if actuator.band == "lf" and any(part.residual for part in ref.parts):
         yield f"its HF is left out, since {actuator.name!r} renders LF only"
     if actuator.band == "hf":

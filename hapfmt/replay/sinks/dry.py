@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any, TextIO
 
-from ...errors import DeviceError, ParameterError
+from ...errors import DeviceError, DeviceGoneError, ParameterError
 from ..profile.model import Frame, HidReport
 
 PATH_WIDTH = len("feature")
@@ -107,7 +107,7 @@ class LoopbackSink:
         if self.faults.get("gone") == number:
             self.gone.touch()
         if "gone" in self.faults and self.gone.exists():
-            raise DeviceError("has gone", path=str(self.path))
+            raise DeviceGoneError("has gone", path=str(self.path))
         if self.faults.get("error") == number:
             raise ZeroDivisionError("a fault that was asked for")
 

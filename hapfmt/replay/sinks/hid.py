@@ -18,7 +18,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import DeviceError, MissingExtraError, ParameterError
+from ...errors import DeviceError, DeviceGoneError, MissingExtraError, ParameterError
 from ..profile.matching import Descriptor, SystemDevice, check_fit, choose, parse_descriptor
 
 if TYPE_CHECKING:
@@ -31,6 +31,8 @@ into it."""
 INTERRUPTED = os.strerror(errno.EINTR)
 """A signal interrupted a wait for the device (a feature report by Bluetooth LE). Only this text
 says so. The device is not lost, and the same report may be sent again."""
+GONE = ("no such device", "not connected")
+"""What Linux and macOS, and Windows, say of a device that was unplugged."""
 NO_ANSWER = "hidapi gives no reason; the device has gone, or does not answer"
 
 
@@ -186,14 +188,16 @@ class HidSink:
         self.write(reports)
 
     def write(self, reports: tuple[HidReport, ...]) -> None:
-        """Sends the reports in order; stops at the first that fails. Raises DeviceError."""
+        """Sends the reports in order; stops at the first that fails. Raises DeviceError, and
+        DeviceGoneError where no other write can succeed."""
         for path, data in reports:
             with self.lock:
                 taken, why = self.taken(path, data)
                 if INTERRUPTED in why:
                     taken, why = self.taken(path, data)
             if taken < 0:
-                raise DeviceError(self.failed(path, data, why or NO_ANSWER))
+                kind = DeviceGoneError if self.is_gone(why) else DeviceError
+                raise kind(self.failed(path, data, why or NO_ANSWER))
             if taken < len(data):
                 raise DeviceError(self.failed(path, data, f"it took {taken} of {len(data)} bytes"))
 
@@ -206,6 +210,12 @@ class HidSink:
         except (OSError, ValueError) as error:
             return -1, str(error)
         return count, last_error(handle) if count < 0 else ""
+
+    def is_gone(self, why: str) -> bool:
+        """True if the error's text says so, or the device's file is no longer there."""
+        return any(text in why.casefold() for text in GONE) or (
+            self.place.startswith("/") and not Path(self.place).exists()
+        )
 
     def failed(self, path: str, data: bytes, why: str) -> str:
         return f"{self.place}: {path} report 0x{data[0]:02x} was not taken: {why}"
