@@ -242,13 +242,22 @@ def least(values: Iterable[float | None]) -> float | None:
 
 
 def compared(summary: Summary) -> str:
-    """Against float64."""
+    """Return the size against float64, and beside it the largest error of a lossy file."""
     if not summary.sample_count or not summary.file_size:
         return counted(summary.sample_count, "sample")
     bits = 8 * summary.file_size / summary.sample_count
     ratio = 64 / bits
     words = f"{ratio:.1f} times smaller" if ratio >= 1 else f"{1 / ratio:.1f} times LARGER"
-    return f"{words} than float64 ({bits:.2f}{JOINED}bits/sample)"
+    return f"{words} than float64 ({bits:.2f}{JOINED}bits/sample){worst(summary)}"
+
+
+def worst(summary: Summary) -> str:
+    """Return the largest error in percent of a range, and whose it is; "" where nothing is lost."""
+    each = max(summary.decisions, key=lambda each: each.relative_error)
+    if not each.relative_error:
+        return ""
+    where = f" of {name_of(each)}" if len(summary.decisions) > 1 else ""
+    return f", largest error {100 * each.relative_error:.3g}{JOINED}% of range{where}"
 
 
 def advice(summary: Summary, recording: Recording) -> str:
