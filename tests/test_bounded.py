@@ -115,9 +115,7 @@ class TestNearLossless:
     )
     def test_never_beyond_the_error(self, x, calibration, text):
         force = not text.endswith("%")
-        settings = Settings.of(
-            "near-lossless", max_error=text, force_error=force, smallest=False
-        )
+        settings = Settings.of("near-lossless", max_error=text, force_error=force, smallest=False)
         recording = Recording((channel(x, calibration),))
         y = assert_intact(recording, settings).channels[0].stored.astype(np.int64)
         error = Tolerance.parse(text)

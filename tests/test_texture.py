@@ -428,7 +428,7 @@ class TestWeighting:
         assert found[0.5] > found[0.0]
 
     def test_a_quantity_without_threshold_is_not_weighted(self):
-        with pytest.raises(ParameterError, match="weighting would do nothing: .* for voltage"):
+        with pytest.raises(ParameterError, match=r"weighting would do nothing: .* for voltage"):
             decided(counted(texture(), unit="V"), weighting=0.5, felt=("all",))
 
     @pytest.mark.parametrize("gamma", [-0.1, 1.1, "0.25"])

@@ -347,36 +347,17 @@ _PRESET_OPTIONS = (
         "signal is: --bits 0 --interpolation hold, with a --cutoff above half the rate.",
     ),
     click.option(
+        "--quality",
+        type=click.Choice(["low", "medium", "high"]),
+        help="perceptual: quality of the texture: 10, 20 or 30 dB; for low and medium, errors "
+        "below --floor are enough [medium].",
+    ),
+    click.option(
         "--max-error",
         type=AmountType(),
         metavar="AMOUNT",
         help="near-lossless, perceptual: largest error in all: 0.1% of the channel's range, 0.01 "
         "in its unit, 10mN, 2lsb [0.1%].",
-    ),
-    click.option(
-        "--force-error",
-        is_flag=True,
-        default=None,
-        help="near-lossless, perceptual: allow a --max-error above 10 % of a channel's range.",
-    ),
-    click.option(
-        "--fast",
-        is_flag=True,
-        default=None,
-        help="lossless: integer channels encode up to nine times as fast, files are larger.",
-    ),
-    click.option(
-        "--k",
-        "k",
-        type=ShareType(),
-        help="perceptual, paper: Weber fraction of the deadband [10%].",
-    ),
-    click.option(
-        "--floor",
-        type=AmountType(),
-        metavar="AMOUNT",
-        help="perceptual, paper: absolute threshold of the deadband [0.2% of the range; paper: "
-        "10mN for forces].",
     ),
     click.option(
         "--felt",
@@ -392,10 +373,36 @@ _PRESET_OPTIONS = (
         help="perceptual: keep the deadband alone.",
     ),
     click.option(
-        "--quality",
-        type=click.Choice(["low", "medium", "high"]),
-        help="perceptual: quality of the texture: 10, 20 or 30 dB; for low and medium, errors "
-        "below --floor are enough [medium].",
+        "--bitrate",
+        type=float,
+        metavar="KBPS",
+        help="perceptual, in place of --quality: kbit/s of the whole file; all textures get the "
+        "same signal-to-noise ratio.",
+    ),
+    click.option(
+        "--fast",
+        is_flag=True,
+        default=None,
+        help="lossless: integer channels encode up to nine times as fast, files are larger.",
+    ),
+    click.option(
+        "--force-error",
+        is_flag=True,
+        default=None,
+        help="near-lossless, perceptual: allow a --max-error above 10 % of a channel's range.",
+    ),
+    click.option(
+        "--k",
+        "k",
+        type=ShareType(),
+        help="perceptual, paper: Weber fraction of the deadband [10%].",
+    ),
+    click.option(
+        "--floor",
+        type=AmountType(),
+        metavar="AMOUNT",
+        help="perceptual, paper: absolute threshold of the deadband [0.2% of the range; paper: "
+        "10mN for forces].",
     ),
     click.option(
         "--snr",
@@ -410,25 +417,6 @@ _PRESET_OPTIONS = (
         metavar="X",
         help="perceptual, in place of --quality: spectral-temporal similarity of each texture, "
         "such as 0.95.",
-    ),
-    click.option(
-        "--bitrate",
-        type=float,
-        metavar="KBPS",
-        help="perceptual, in place of --quality: kbit/s of the whole file; all textures get the "
-        "same signal-to-noise ratio.",
-    ),
-    click.option(
-        "--texture-codec",
-        type=click.Choice(["LPCR", "MDCT"], case_sensitive=False),
-        help="perceptual: the only codec of textures, to compare both [the smaller].",
-    ),
-    click.option(
-        "--weighting",
-        type=float,
-        metavar="GAMMA",
-        help="perceptual: let the steps of MDCT grow with this power of the threshold of "
-        "vibration, such as 0.25 [0].",
     ),
     click.option(
         "--synthetic-texture",
@@ -447,15 +435,27 @@ _PRESET_OPTIONS = (
         "--step", type=AmountType(), metavar="AMOUNT", help="paper: step of the residual."
     ),
     click.option(
+        "--texture-codec",
+        type=click.Choice(["LPCR", "MDCT"], case_sensitive=False),
+        help="perceptual: the only codec of textures, to compare both [the smaller].",
+    ),
+    click.option(
+        "--weighting",
+        type=float,
+        metavar="GAMMA",
+        help="perceptual: let the steps of MDCT grow with this power of the threshold of "
+        "vibration, such as 0.25 [0].",
+    ),
+    click.option(
         "--cutoff",
         "cutoff_hz",
         type=float,
         help="perceptual, paper: split between slow part and texture, Hz [20].",
     ),
     click.option(
-        "--cluster",
-        type=FractionType(),
-        help="Length of a cluster in seconds [10; up to 120 at slow rates].",
+        "--interpolation",
+        type=click.Choice(["linear", "hold"]),
+        help="paper: how knots are joined [linear].",
     ),
     click.option(
         "--tolerance",
@@ -465,15 +465,15 @@ _PRESET_OPTIONS = (
         "within the error that the preset allows.",
     ),
     click.option(
-        "--interpolation",
-        type=click.Choice(["linear", "hold"]),
-        help="paper: how knots are joined [linear].",
-    ),
-    click.option(
         "--references/--no-references",
         default=None,
         help="All but paper: channels that resemble each other may share a track and be predicted "
         "from each other; a lost packet then takes all of them along [on].",
+    ),
+    click.option(
+        "--cluster",
+        type=FractionType(),
+        help="Length of a cluster in seconds [10; up to 120 at slow rates].",
     ),
     click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track."),
 )
