@@ -114,7 +114,8 @@ class TestNearLossless:
         signals, calibrations, st.sampled_from(["0.5lsb", "1lsb", "7lsb", "10%", "1e12", "0.003"])
     )
     def test_never_beyond_the_error(self, x, calibration, text):
-        settings = Settings.of("near-lossless", max_error=text, smallest=False)
+        force = not text.endswith("%")
+        settings = Settings.of("near-lossless", max_error=text, force_error=force, smallest=False)
         recording = Recording((channel(x, calibration),))
         y = assert_intact(recording, settings).channels[0].stored.astype(np.int64)
         error = Tolerance.parse(text)

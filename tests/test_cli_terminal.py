@@ -16,6 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 from commands import run, run_in_terminal, run_to_terminal
@@ -23,7 +24,7 @@ from depth import sample
 from terminal import called
 
 import hapfmt
-from hapfmt.cli import SECTIONS, VERBS, screen
+from hapfmt.cli import SECTIONS, VERBS, cli, screen
 from hapfmt.errors import ParameterError
 
 LABELS = ("thumb_proximal_flexion_torque", "fx", "BioTac electrode 17", "Δ slip velocity")
@@ -479,10 +480,28 @@ def test_help_of_every_verb_has_examples_and_groups_within_80_columns(tmp_path: 
         assert done.returncode == 0 and max(map(len, text.split("\n"))) <= 80, verb
         if verb not in ("profile", "archive"):  # groups, whose help lists their own verbs
             assert re.search(rf"\n\nExamples:\n(?:  .*hapfmt .*\n)*  .*hapfmt {verb}", text), verb
-    text = called("encode", "--help").out
-    parts = ["Quality:", "\n  --preset", "For experts:", "\n  --canonical", "Output:"]
+    text = called("encode", "--help-all").out
+    parts = ["Quality:", "\n  --preset", "\n  --quality", "What is read:", "Output:",
+             "For experts:", "\n  --canonical"]  # fmt: skip
     places = [text.index(part) for part in parts]
     assert places == sorted(places)
+
+
+@pytest.mark.parametrize("verb", ["encode", "archive encode", "record"])
+def test_a_help_shows_at_most_20_options_and_help_all_shows_the_rest(verb: str) -> None:
+    short, whole = (
+        re.findall(r"^  (?:-\w, )?(--[\w-]+)", called(*verb.split(), help_).out, re.M)
+        for help_ in ("--help", "--help-all")
+    )
+    assert short[0] == "--preset" and len(short) <= 20 < len(whole) and set(short) < set(whole)
+    words = verb.split()
+    command = cli.get_command(click.Context(cli), words[0])
+    command = getattr(command, "commands", {}).get(words[-1], command)
+    names = {param.opts[-1] for param in command.params if isinstance(param, click.Option)}
+    assert set(whole) == {*names, "--help"}
+    assert f"{len(whole) - len(short)} more options" in re.sub(
+        r"\s+", " ", called(*words, "--help").out
+    )
 
 
 def test_no_verb_at_all_prints_the_help() -> None:

@@ -44,7 +44,9 @@ def small(name: str) -> bytes:
         return (EXAMPLES / f"{name}.hapf").read_bytes()
     x = np.random.default_rng(5).integers(-3, 4, (24, 2)).cumsum(axis=0)
     calibration = hapfmt.Calibration(1, 0, 100)
-    channels = tuple(hapfmt.Channel(x[:, i], 1000, calibration=calibration) for i in range(2))
+    channels = tuple(
+        hapfmt.Channel(x[:, i], 1000, calibration=calibration, unit="N") for i in range(2)
+    )
     out = io.BytesIO()
     settings = hapfmt.Settings.of(name.partition(",")[0], cluster="0.012", **PRESETS[name])
     hapfmt.write(hapfmt.Recording(channels), out, settings, canonical=7)

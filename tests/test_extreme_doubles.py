@@ -89,6 +89,7 @@ ENDS, LARGE = ("ends", 1, LARGEST), ("noise", 1, 1e250)
 @example(900, [("wave", 0, 1e-300), ("noise", 0, TINY * 9)], "lossless", "N")
 @example(100, [("noise", 0, 2.0**53)], "paper", "m")
 @example(20, [("noise", 0, 2.0**53)], "perceptual", "N")
+@pytest.mark.filterwarnings("ignore:no channel is known to be felt")
 def test_doubles_of_any_size_come_back(size, recipes, preset, unit):
     """EXA-007: The exact values MUST be the numbers of the source, every bit of them."""
     check(made(size, recipes), preset, unit)

@@ -96,6 +96,7 @@ def test_linear_doubles_start_anew_in_each_part():
     held(recording)
 
 
+@pytest.mark.filterwarnings("ignore:no channel is known to be felt")
 @pytest.mark.parametrize("preset", ["near-lossless", "perceptual"])
 def test_presets_with_loss_keep_their_bound(preset):
     held(counts([noise(1), noise(2)]), preset=preset)

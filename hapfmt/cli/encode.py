@@ -6,16 +6,19 @@ preset cost or saved.
 
 from __future__ import annotations
 
+import re
 import time
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from io import BytesIO
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from ..errors import ParameterError, channels_called
+from ..errors import DataWarning, ParameterError, channels_called
 from ..format.track import Component, Contract
 from ..numbers import counted
 from ..units import unit_text
@@ -51,7 +54,7 @@ if TYPE_CHECKING:
     from ..encoder.encode import Decision
     from ..encoder.settings import Settings
     from ..limits import Limits
-    from ..recording import Recording
+    from ..recording import Channel, Recording
     from ..writing.writer import Summary
 
 LOSSLESS = "lossless"
@@ -85,8 +88,9 @@ NAMED = 3
 """Channels that a line names."""
 GROUPED = 16
 """Above this number of channels, neighbours that were kept alike share a line."""
-TRIED_TICKS = 1 << 13
-"""Samples of each channel for the estimate of another preset."""
+TRIED_SAMPLES, TRIED_PIECES, LEAST_TRIED = 1 << 17, 8, 1 << 11
+"""Samples of all channels for the estimate of another preset, the pieces that each channel gives,
+and the least of each channel."""
 FLOATING = ("stored as float", "kept as doubles")
 MAX_ERROR = "0.1%"
 
@@ -128,7 +132,7 @@ class ChannelRow:
         error = amount(self.largest_error, self.unit) if self.largest_error else "0"
         return [
             self.label,
-            self.kept_as,
+            re.sub(r" (?=\d|%|dB)", JOINED, self.kept_as),
             f"{8 * self.size / self.sample_count:.2f}" if self.sample_count else "-",
             str(self.size),
             error,
@@ -254,13 +258,22 @@ def least(values: Iterable[float | None]) -> float | None:
 
 
 def compared(summary: Summary) -> str:
-    """Against float64."""
+    """Return the size against float64, and beside it the largest error of a lossy file."""
     if not summary.sample_count or not summary.file_size:
         return counted(summary.sample_count, "sample")
     bits = 8 * summary.file_size / summary.sample_count
     ratio = 64 / bits
     words = f"{ratio:.1f} times smaller" if ratio >= 1 else f"{1 / ratio:.1f} times LARGER"
-    return f"{words} than float64 ({bits:.2f}{JOINED}bits/sample)"
+    return f"{words} than float64 ({bits:.2f}{JOINED}bits/sample){worst(summary)}"
+
+
+def worst(summary: Summary) -> str:
+    """Return the largest error in percent of a range, and whose it is; "" where nothing is lost."""
+    each = max(summary.decisions, key=lambda each: each.relative_error)
+    if not each.relative_error:
+        return ""
+    where = f" of {name_of(each)}" if len(summary.decisions) > 1 else ""
+    return f", largest error {100 * each.relative_error:.3g}{JOINED}% of range{where}"
 
 
 def advice(summary: Summary, recording: Recording) -> str:
@@ -269,7 +282,7 @@ def advice(summary: Summary, recording: Recording) -> str:
     floating = [each for each in every if each.exact and each.lattice.startswith(FLOATING)]
     if not floating or 2 * sum(each.size for each in floating) < sum(each.size for each in every):
         return ""
-    ratio = near_lossless_ratio(recording)
+    ratio = 8 * summary.sample_count / near_lossless_size(recording, summary)
     if ratio <= 1.5 * 8 * summary.sample_count / summary.file_size:
         return ""
     those = counted(len(every), "channel") + (" is" if len(floating) == 1 else " are")
@@ -277,25 +290,59 @@ def advice(summary: Summary, recording: Recording) -> str:
     instead = f", not {now:.1f} times" if now >= 1 else ""
     return (
         f"{len(floating)} of {those} floating point. With --preset near-lossless "
-        f"--max-error {MAX_ERROR} this file would be about {ratio:.0f} times smaller than "
+        f"--max-error {MAX_ERROR} this file would be about {about(ratio)} times smaller than "
         f"float64{instead}."
     )
 
 
-def near_lossless_ratio(recording: Recording) -> float:
-    """Float64 against the near-lossless packets, measured on the middle of every channel."""
-    from ..encoder.encode import encode as encode_recording
-    from ..encoder.settings import Settings
+def about(ratio: float) -> str:
+    """Return a ratio with two digits, and never as a power of ten."""
+    return f"{ratio:.1f}" if ratio < 9.95 else f"{ratio:.0f}"
 
-    parts = []
-    for channel in recording.channels:
-        middle = (channel.start_tick + channel.stop_tick) // 2
-        first = max(middle - TRIED_TICKS // 2, channel.start_tick)
-        parts.append(channel.slice_ticks(first, first + TRIED_TICKS))
+
+def near_lossless_size(recording: Recording, summary: Summary) -> float:
+    """Return the estimated bytes of a near-lossless file; ``summary`` is of the lossless one."""
+    from ..encoder.settings import Settings
+    from ..writing.writer import write
+
+    count = max(TRIED_SAMPLES // len(recording), LEAST_TRIED)
+    parts = tuple(sample_of(channel, count) for channel in recording)
     settings = Settings.of("near-lossless", max_error=MAX_ERROR)
-    tried = encode_recording(replace(recording, channels=tuple(parts)), settings, threads=1)
-    size = sum(len(packet.data) for packet in tried.packets)
-    return 8 * sum(part.stored.size for part in parts) / max(size, 1)
+    with warnings.catch_warnings():  # the first write gave them
+        warnings.simplefilter("ignore", DataWarning)
+        tried = write(replace(recording, channels=parts), BytesIO(), settings, threads=1)
+    shares = [
+        each.stored.size / max(part.stored.size, 1)
+        for each, part in zip(recording, parts, strict=True)
+    ]
+    packets = sum(share * each.size for share, each in zip(shares, tried.decisions, strict=True))
+    fixed = tried.file_size - sum(each.size for each in tried.decisions)
+    return packets + fixed + summary.overview_size
+
+
+def sample_of(channel: Channel, count: int) -> Channel:
+    """Return a channel of about ``count`` samples: pieces of the given one without the gaps between
+    them, and its least and largest value, which keep the range."""
+    import numpy as np
+
+    from ..encoder.plan import without_glitches
+    from ..recording import Span
+
+    size = channel.stored.size
+    if size <= count:
+        return channel
+    piece = count // TRIED_PIECES
+    starts = np.linspace(0, size - piece, TRIED_PIECES).astype(int)
+    x = channel.samples()
+    calm = without_glitches(np.where(np.isfinite(x), x, x[0]))
+    ends = np.repeat([calm.argmin(), calm.argmax()], 3)  # one sample alone would be a glitch
+    places = np.concatenate([*(np.arange(start, start + piece) for start in starts), ends])
+    return replace(
+        channel,
+        stored=channel.stored[places],
+        exact=None if channel.exact is None else channel.exact[places],
+        coverage=(Span(0, places.size),),
+    )
 
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -316,36 +363,17 @@ _PRESET_OPTIONS = (
         "signal is: --bits 0 --interpolation hold, with a --cutoff above half the rate.",
     ),
     click.option(
+        "--quality",
+        type=click.Choice(["low", "medium", "high"]),
+        help="perceptual: quality of the texture: 10, 20 or 30 dB; for low and medium, errors "
+        "below --floor are enough [medium].",
+    ),
+    click.option(
         "--max-error",
         type=AmountType(),
         metavar="AMOUNT",
         help="near-lossless, perceptual: largest error in all: 0.1% of the channel's range, 0.01 "
         "in its unit, 10mN, 2lsb [0.1%].",
-    ),
-    click.option(
-        "--force-error",
-        is_flag=True,
-        default=None,
-        help="near-lossless, perceptual: allow a --max-error above 10 % of a channel's range.",
-    ),
-    click.option(
-        "--fast",
-        is_flag=True,
-        default=None,
-        help="lossless: integer channels encode up to nine times as fast, files are larger.",
-    ),
-    click.option(
-        "--k",
-        "k",
-        type=ShareType(),
-        help="perceptual, paper: Weber fraction of the deadband [10%].",
-    ),
-    click.option(
-        "--floor",
-        type=AmountType(),
-        metavar="AMOUNT",
-        help="perceptual, paper: absolute threshold of the deadband [0.2% of the range; paper: "
-        "10mN for forces].",
     ),
     click.option(
         "--felt",
@@ -361,10 +389,36 @@ _PRESET_OPTIONS = (
         help="perceptual: keep the deadband alone.",
     ),
     click.option(
-        "--quality",
-        type=click.Choice(["low", "medium", "high"]),
-        help="perceptual: quality of the texture: 10, 20 or 30 dB; for low and medium, errors "
-        "below --floor are enough [medium].",
+        "--bitrate",
+        type=float,
+        metavar="KBPS",
+        help="perceptual, in place of --quality: kbit/s of the whole file; all textures get the "
+        "same signal-to-noise ratio.",
+    ),
+    click.option(
+        "--fast",
+        is_flag=True,
+        default=None,
+        help="lossless: integer channels encode up to nine times as fast, files are larger.",
+    ),
+    click.option(
+        "--force-error",
+        is_flag=True,
+        default=None,
+        help="near-lossless, perceptual: allow a --max-error above 10 % of a channel's range.",
+    ),
+    click.option(
+        "--k",
+        "k",
+        type=ShareType(),
+        help="perceptual, paper: Weber fraction of the deadband [10%].",
+    ),
+    click.option(
+        "--floor",
+        type=AmountType(),
+        metavar="AMOUNT",
+        help="perceptual, paper: absolute threshold of the deadband [0.2% of the range; paper: "
+        "10mN for forces].",
     ),
     click.option(
         "--snr",
@@ -379,25 +433,6 @@ _PRESET_OPTIONS = (
         metavar="X",
         help="perceptual, in place of --quality: spectral-temporal similarity of each texture, "
         "such as 0.95.",
-    ),
-    click.option(
-        "--bitrate",
-        type=float,
-        metavar="KBPS",
-        help="perceptual, in place of --quality: kbit/s of the whole file; all textures get the "
-        "same signal-to-noise ratio.",
-    ),
-    click.option(
-        "--texture-codec",
-        type=click.Choice(["LPCR", "MDCT"], case_sensitive=False),
-        help="perceptual: the only codec of textures, to compare both [the smaller].",
-    ),
-    click.option(
-        "--weighting",
-        type=float,
-        metavar="GAMMA",
-        help="perceptual: let the steps of MDCT grow with this power of the threshold of "
-        "vibration, such as 0.25 [0].",
     ),
     click.option(
         "--synthetic-texture",
@@ -416,15 +451,27 @@ _PRESET_OPTIONS = (
         "--step", type=AmountType(), metavar="AMOUNT", help="paper: step of the residual."
     ),
     click.option(
+        "--texture-codec",
+        type=click.Choice(["LPCR", "MDCT"], case_sensitive=False),
+        help="perceptual: the only codec of textures, to compare both [the smaller].",
+    ),
+    click.option(
+        "--weighting",
+        type=float,
+        metavar="GAMMA",
+        help="perceptual: let the steps of MDCT grow with this power of the threshold of "
+        "vibration, such as 0.25 [0].",
+    ),
+    click.option(
         "--cutoff",
         "cutoff_hz",
         type=float,
         help="perceptual, paper: split between slow part and texture, Hz [20].",
     ),
     click.option(
-        "--cluster",
-        type=FractionType(),
-        help="Length of a cluster in seconds [10; up to 120 at slow rates].",
+        "--interpolation",
+        type=click.Choice(["linear", "hold"]),
+        help="paper: how knots are joined [linear].",
     ),
     click.option(
         "--tolerance",
@@ -434,15 +481,15 @@ _PRESET_OPTIONS = (
         "within the error that the preset allows.",
     ),
     click.option(
-        "--interpolation",
-        type=click.Choice(["linear", "hold"]),
-        help="paper: how knots are joined [linear].",
-    ),
-    click.option(
         "--references/--no-references",
         default=None,
         help="All but paper: channels that resemble each other may share a track and be predicted "
         "from each other; a lost packet then takes all of them along [on].",
+    ),
+    click.option(
+        "--cluster",
+        type=FractionType(),
+        help="Length of a cluster in seconds [10; up to 120 at slow rates].",
     ),
     click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track."),
 )

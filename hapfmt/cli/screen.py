@@ -435,43 +435,42 @@ def is_number(text: str) -> bool:
     return first.strip("-+%x.0123456789eE") in ("", "inf", "nan") and " " not in unit
 
 
+OTHER = "Options"
+"""The group of options that are in no other one."""
+
 GROUPS = {
+    "Quality": (
+        *("--preset", "--quality", "--max-error", "--force-error", "--k", "--floor", "--felt"),
+        *("--no-texture", "--snr", "--st-sim", "--bitrate", "--synthetic-texture", "--bits"),
+        *("--step", "--fast"),
+    ),
+    OTHER: (),
     "What is read": (
         *("--channels", "--start", "--stop", "--band", "--layer", "--input", "--input-format"),
-        *("--rate", "--labels", "--unit", "--lsb", "--against"),
-    ),
-    "Quality": (
-        *("--preset", "--max-error", "--k", "--floor", "--felt", "--no-texture"),
-        *("--quality", "--snr", "--st-sim", "--bitrate", "--bits", "--step", "--fast"),
-    ),
-    "For experts": (
-        *(
-            "--tolerance",
-            "--cutoff",
-            "--interpolation",
-            "--texture-codec",
-            "--weighting",
-            "--vector",
-            "--references",
-            "--cluster",
-        ),
-        *("--digest", "--canonical", "--threads", "--max-memory", "--fsync", "--on-full"),
+        *("--rate", "--labels", "--unit", "--lsb", "--against", "--transpose", "--select"),
+        *("--clock", "--episode", "--map", "--keep-stamps"),
     ),
     "Output": (
-        "--help",
-        "--output",
-        "--output-format",
-        "--force",
-        "--json",
-        "--schema",
-        "--verbose",
-        "--plot",
-        "--csv",
-        "--export",
+        *("--help", "--help-all", "--output", "--output-format", "--force", "--json", "--schema"),
+        *("--verbose", "--overview", "--plot", "--csv", "--export"),
+    ),
+    "For experts": (
+        *("--tolerance", "--cutoff", "--interpolation", "--texture-codec", "--weighting"),
+        *("--vector", "--references", "--cluster", "--digest", "--canonical", "--threads"),
+        *("--max-memory", "--fsync", "--on-full"),
     ),
 }
-"""Where an option is shown; all others come first."""
-OTHERS = "Options"
+"""Where an option is shown, in the order of the help."""
+
+SHOWN = 20
+"""Most options in a help. A verb with more leaves out what experts use, and has --help-all."""
+
+RARE = {
+    *GROUPS["For experts"],
+    *("--force-error", "--k", "--floor", "--snr", "--st-sim", "--synthetic-texture", "--bits"),
+    *("--step", "--clock", "--episode", "--map"),
+}
+"""Options that only experts use."""
 
 
 class Text(click.types.StringParamType):
@@ -502,6 +501,16 @@ class Verb(click.Command):
         for param in self.params:
             if param.type is click.STRING:
                 param.type = Text()
+        rare = [param for param in self.params if RARE & set(param.opts)]
+        self.leaves_out = len(self.params) > SHOWN and bool(rare)
+        if self.leaves_out:
+            text = f"Show this message with {len(rare)} more options, for experts."
+            self.params.append(
+                click.Option(
+                    ["--help-all"], is_flag=True, is_eager=True, expose_value=False, help=text,
+                    callback=help_all,
+                )
+            )  # fmt: skip
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         texts, examples = self.parts()
@@ -527,18 +536,30 @@ class Verb(click.Command):
         return texts, examples
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        groups: dict[str, list[tuple[str, str]]] = {OTHERS: [], **{name: [] for name in GROUPS}}
-        for name, record in self.records(ctx):
+        groups: dict[str, list[tuple[str, str]]] = {name: [] for name in GROUPS}
+        for name, record in self.records(ctx, whole=not self.leaves_out or HELP_ALL in ctx.meta):
             groups[name].append(record)
         for name, records in groups.items():
             if records:
                 with formatter.section(name):
                     formatter.write_dl(records)
 
-    def records(self, ctx: click.Context) -> Iterator[tuple[str, tuple[str, str]]]:
-        """Group of an option, its names, its help."""
+    def records(
+        self, ctx: click.Context, *, whole: bool = True
+    ) -> Iterator[tuple[str, tuple[str, str]]]:
+        """Yield the group of an option, its names, its help. ``whole``: also of rare options."""
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx) if isinstance(param, click.Option) else None
-            if record is not None:
+            if record is not None and (whole or not RARE & set(param.opts)):
                 found = (name for name, ours in GROUPS.items() if set(ours) & set(param.opts))
-                yield next(found, OTHERS), record
+                yield next(found, OTHER), record
+
+
+HELP_ALL = f"{__name__}.help_all"
+
+
+def help_all(ctx: click.Context, _param: click.Parameter, asked: bool) -> None:
+    if asked and not ctx.resilient_parsing:
+        ctx.meta[HELP_ALL] = True
+        click.echo(ctx.get_help(), color=ctx.color)
+        ctx.exit()

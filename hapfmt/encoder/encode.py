@@ -45,7 +45,7 @@ from .exact import (
 from .gridded import Gridded, on_grid, without_odd_values
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, sparse
-from .plan import Promise, check_error, extent_of, promises_of, vector_promise
+from .plan import Promise, check_error, promises_of, range_of, vector_promise
 from .predict import shorten
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import Settings
@@ -359,9 +359,10 @@ def check_bound(channel: Channel, found: Gridded, settings: Settings) -> None:
     if settings.allows_any_error or floor is None:
         return
     step = float(abs(channel.calibration.step)) if channel.calibration else None
-    extent = extent_of(channel.samples())
-    error = floor.absolute(extent, step, channel.unit)
-    check_error(settings, extent, error or 0.0, channel.label, channel.unit)
+    extent = range_of(channel)
+    error = floor.absolute(extent, step, channel.unit) or 0.0
+    if step is None or error >= step:  # below one count nothing is lost
+        check_error(settings, extent, error, channel.label, channel.unit)
 
 
 def as_recorded(channel: Channel) -> Channel:
@@ -608,7 +609,7 @@ def decide(
 
 
 def share_of_range(error: float, channel: Channel) -> float:
-    extent = extent_of(channel.samples()) if error else 0.0
+    extent = range_of(channel) if error else 0.0
     return error / extent if 0 < extent < inf else 0.0
 
 

@@ -191,7 +191,8 @@ def check_error(settings: Settings, extent: float, error: float, label: str, uni
     if settings.allows_any_error or not error > LARGEST_SHARE * extent > 0:
         return
     amount = settings.max_error
-    guess = f"; did you mean {amount.value:g}%? " if amount.is_plain else ". "
+    meant = amount.is_plain and amount.value <= 100 * LARGEST_SHARE
+    guess = f"; did you mean {amount.value:g}%? " if meant else ". "
     raise ParameterError(
         share_text(amount, extent, error, label, unit) + guess + "To allow it, add force_error=True"
     )
@@ -204,9 +205,17 @@ def share_text(amount: Tolerance, extent: float, error: float, label: str, unit:
     return f"{amount_text(shown)} is {share} of channel {label!r}"
 
 
-def extent_of(x: NDArray[np.float64]) -> float:
-    """Return the largest minus the smallest of [ticks] values, without glitches and NaN."""
-    if not np.isfinite(x).all():
+def range_of(channel: Channel) -> float:
+    """Return the range of a channel in its unit, without glitches, NaN and infinities."""
+    if channel.calibration is None:
+        return extent_of(channel.stored)
+    return extent_of(channel.stored) * float(abs(channel.calibration.step))
+
+
+def extent_of(x: NDArray[Any]) -> float:
+    """Return the largest minus the smallest of [ticks] numbers, without glitches, NaN and
+    infinities."""
+    if x.dtype.kind == "f" and not np.isfinite(x).all():
         x = x[np.isfinite(x)]
     if not x.size:
         return 0.0
@@ -373,7 +382,7 @@ LEAST = 64
 RARE = 1000
 """At most one sample in this many is rare; more frequent values are the signal."""
 
-BLOCK = 1 << 18
+BLOCK = 1 << 16
 
 
 def median3(x: NDArray[Any]) -> NDArray[Any]:
