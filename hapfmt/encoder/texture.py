@@ -20,7 +20,7 @@ import numpy as np
 from ..metrics import texture_levels_db
 from ..recording import Calibration, Channel
 from .bounded import code_lines, encode_bounded
-from .felt import Doubles, FeltChannel, counts_nearest
+from .felt import Doubles, FeltChannel, counts_nearest, slow_of
 from .plan import Promise
 from .settings import CLOSE
 from .source import InputBlock
@@ -40,6 +40,10 @@ NEAR_ENOUGH = 0.975
 
 SHARE_OF_DB = 0.75 * CLOSE
 """... or this share of a target in dB, where that is less."""
+
+QUIETER = (Fraction(1), Fraction(1, 4), Fraction(1, 16), Fraction(1, 64))
+"""Shares of the deadband that lines below a synthetic texture keep: the first one whose lines are
+6 dB quieter than the texture above the split frequency. Lines of a wide deadband have kinks."""
 
 MODEL_COUNTS = 1 << 20
 """Largest texture in counts that a model is made of. Its gain ends at 3.5 million counts, and its
@@ -90,14 +94,23 @@ def encode_synthetic(felt: FeltChannel, first_channel: int, promise: Promise) ->
     """
     source = for_a_model(felt)
     calibration = source.channels[0].calibration
-    assert calibration is not None
+    assert calibration is not None and promise.floor is not None
     base = whole_range(source, first_channel)
-    slow, bound = counts_nearest(felt.slow, calibration), bound_of(source, promise)
-    lines = code_lines(replace(source, counts=slow[:, None]), base, bound, None)
+    slow, lines = counts_nearest(felt.slow, calibration), None
+    for part in QUIETER:
+        floor = replace(promise.floor, value=promise.floor.value * float(part))
+        bound = bound_of(source, replace(promise, k=promise.k * part, floor=floor))
+        narrower = code_lines(replace(source, counts=slow[:, None]), base, bound, None)
+        if narrower is None:
+            break
+        lines = narrower
+        error = calibration.physical(decode_all(lines, 1)[:, 0]) - felt.slow
+        if (error - slow_of(error, source, felt.cutoff_hz)).var() <= felt.power / 4:
+            break
     if lines is None:
         return None
     texture = counts_nearest(felt.wanted, calibration) - slow
-    unit = with_synthetic(source, texture, lines, bound)
+    unit = with_synthetic(source, texture, lines, bound_of(source, promise))
     if unit is None:
         return None
     assert unit.residual
