@@ -389,7 +389,7 @@ class LineStream:
     def begin(self, line: bytes) -> bool:
         """The recorder of a bare table; whether its first line holds names, or is left out."""
         line = line.partition(b" ")[2] if line.startswith(b"@") else line
-        cells = [name.decode("utf-8", "replace").strip() for name in fields_of(line)]
+        cells = [cell.strip() for cell in fields_of(line)]
         numbers = [is_number(cell) for cell in cells]
         refuse_commas(line)
         # A program that is joined amid a line sends its rest first.
@@ -464,11 +464,12 @@ def refuse_commas(line: bytes) -> None:
             )
 
 
-def fields_of(line: bytes) -> list[bytes]:
-    for separator in (b",", b";", b"\t"):
-        if separator in line:
-            return line.split(separator)
-    return line.split()
+def fields_of(line: bytes) -> list[str]:
+    text = line.decode("utf-8", "replace")
+    for separator in (",", ";", "\t"):
+        if separator in text:
+            return text.split(separator)
+    return text.split()
 
 
 def parse_row(line: bytes, columns: int) -> list[float]:
@@ -476,9 +477,8 @@ def parse_row(line: bytes, columns: int) -> list[float]:
     found = fields_of(line)
     if len(found) != columns:
         raise ParameterError(f"{len(found)} values for {columns} channels")
-    cells = [cell.decode("utf-8", "replace").strip() for cell in found]
-    values = plain_doubles(cells) if line.isascii() and b"_" not in line else None
-    return values or [double(cell) if cell else nan for cell in cells]
+    values = plain_doubles(found) if line.isascii() and b"_" not in line else None
+    return values or [double(cell.strip()) if cell.strip() else nan for cell in found]
 
 
 def is_number(cell: str) -> bool:
