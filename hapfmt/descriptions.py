@@ -15,13 +15,12 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
-from math import isinf
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, TypeVar, cast
 
 from .errors import ParameterError, similar
-from .numbers import counted
+from .numbers import counted, double
 from .structs import Arm, Meta, OneOf, Struct, arms, bare, keys_of, schema_node
 
 Made = TypeVar("Made")
@@ -220,14 +219,6 @@ def parse_json(text: bytes) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise ParameterError("this is not a JSON object")
     return found
-
-
-def double(text: str) -> float:
-    """A number of JSON; one too large would become infinite without an error."""
-    value = float(text)
-    if isinf(value):
-        raise ParameterError(f"{text[:40]!r} is beyond the range of a double")
-    return value
 
 
 def joined(at: str, key: str) -> str:

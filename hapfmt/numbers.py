@@ -7,7 +7,9 @@ work on one number at a time.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from fractions import Fraction
+from math import inf, isinf
 from numbers import Rational, Real
 from typing import Any
 
@@ -36,6 +38,47 @@ def exact(value: Any) -> Fraction:
         except (ValueError, ZeroDivisionError):
             pass
     raise ParameterError(f"{value!r} is not a number")
+
+
+DOUBLE = re.compile(
+    r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)(e[+-]?[0-9]+)?|[+-]?(nan|inf|infinity)", re.A | re.I
+)
+"""A number in a table, without blanks: float() takes 1_000 and digits of other scripts too."""
+
+_NOT_ZERO = re.compile(r"[+-]?[0.]*[1-9]")
+
+
+def double(text: str) -> float:
+    """Return the double nearest to a number of a table; nan and inf are values.
+
+    Raises ParameterError for other texts, and where the double would be infinite or 0 instead.
+    """
+    if DOUBLE.fullmatch(text) is None:
+        raise ParameterError(f"{text[:40]!r} is not a number")
+    value = float(text)
+    if isinf(value) and "inf" not in text.lower():
+        raise ParameterError(f"{text[:40]!r} is beyond the range of a double")
+    if not value and _NOT_ZERO.match(text):
+        raise ParameterError(f"{text[:40]!r} is below the smallest double; write 0")
+    return value
+
+
+def plain_doubles(cells: Sequence[str]) -> list[float] | None:
+    """Return the doubles of many cells at once; None where one needs a look by :func:`double`.
+
+    The cells are ASCII without an underscore, which float() skips.
+    """
+    try:
+        values = list(map(float, cells))
+    except ValueError:
+        return None
+    if inf in values or -inf in values:
+        return None
+    if 0.0 in values and any(
+        not value and cell.strip(" +-0.") for value, cell in zip(values, cells, strict=True)
+    ):
+        return None
+    return values
 
 
 def counted(count: int, what: str) -> str:

@@ -61,10 +61,54 @@ def test_a_table_then_more_of_it(tmp_path):
 def test_a_bad_line_ends_with_1_and_keeps_what_came_before(tmp_path):
     path = str(tmp_path / "a.hapf")
     code, out, err = run(HEAD + b"1\n2\nx\n", path, "--json")
-    assert code == 1 and "line 4: 'x' is not a number" in err
+    assert code == 1 and "line 4: 'x' is not a number; to go on after such a line: --on-bad" in err
+    assert f"kept in {path}: 0.002 s, 2 samples, 1 cluster" in err.replace("\n", " ")
     assert json.loads(out)["exit_code"] == 1
     assert hapfmt.verify(path).verdict == "intact"
     assert hapfmt.read(path).channels[0].stored.tolist() == [1, 2]
+
+
+def test_a_bad_line_of_a_pipe_is_a_gap(tmp_path):
+    """What comes from a device cannot be asked for again; what comes from a file can be mended."""
+    path = tmp_path / "a.hapf"
+    for number, (more, kept) in enumerate([([], 2), (["--on-bad-line", "stop"], 1)]):
+        process = started(str(path), "--rate", "10", "--labels", "a,b", "--force", *more)
+        out, err = process.communicate(b"1,2\n3,\xff4\n5,6\n")
+        assert process.returncode == (3, 1)[number]
+        assert b"line 2: '\xef\xbf\xbd4' is not a number" in err
+        assert (b"1 line could not be used; the first: line 2" in err) == (number == 0)
+        assert b" samples, 1 cluster, " in (out, err)[number]
+        assert hapfmt.read(path).channels[0].samples().tolist() == [1, 5][:kept]
+        assert hapfmt.verify(path).verdict == "intact"
+    code, out, err = run(b"1\nx\n", str(path), "--rate", "1", "--force", "--json", "--on-bad-line", "gap")  # fmt: skip
+    assert code == 3 and json.loads(out)["bad_lines"] == 1
+    with hapfmt.Reader(path) as reader:
+        assert reader.metadata["notes"] == [
+            "1 line of the stream could not be used; the first: line 2: 'x' is not a number"
+        ]
+
+
+def test_gaps_are_for_lines(tmp_path):
+    code, _, err = run(b"hFr1" + bytes(20), str(tmp_path / "a.hapf"), "--on-bad-line", "gap")
+    assert code == 1 and "frames have no lines: leave out --on-bad-line" in err
+
+
+def test_floats_within_a_bound_are_as_small_as_encode_makes_them(tmp_path):
+    n = np.arange(5000) / 1000
+    x = np.sin(4.4 * n) * 2 + np.random.default_rng(1).normal(0, 0.002, 5000)
+    text = "".join(f"{value!r}\n" for value in x.tolist()).encode()
+    table = ["--rate", "1000", "--labels", "f", "--unit", "N", "--force"]
+    for options in (["near-lossless"], ["near-lossless", "--max-error", "0.01"], ["perceptual", "--no-texture"]):  # fmt: skip
+        code, *_ = run(text, str(tmp_path / "r.hapf"), *table, "--preset", *options)
+        assert code == 0
+        (tmp_path / "x.csv").write_bytes(b"f [N]\n" + text)
+        done = commands.run(
+            "encode", "x.csv", "e.hapf", "--force", "--rate", 1000, "--cluster", 1, "--preset",
+            *options, cwd=tmp_path,
+        )  # fmt: skip
+        assert done.returncode == 0
+        sizes = [(tmp_path / name).stat().st_size for name in ("r.hapf", "e.hapf")]
+        assert sizes[0] < 1.3 * sizes[1] + 300, (options, sizes)
 
 
 @pytest.mark.parametrize("name", ["time [s]", "t", "Zeit (ms)", "timestamp"])
@@ -106,7 +150,16 @@ def test_units_of_a_header_become_codes(tmp_path):
         (b"1\n", [], "a table needs its rate"),
         (b"", ["--rate", "10"], "ended before any channel"),
         (b"1\n", ["--rate", "10", "--fsync", "often"], "fsync is one of"),
-        (b"1\n", ["--rate", "10", "--preset", "near-lossless"], "the largest error"),
+        (
+            b"1\n",
+            ["--rate", "10", "--lsb", "1", "--preset", "near-lossless"],
+            "0.1 % of range of '1' is not known before the end",
+        ),
+        (
+            b"1\n",
+            ["--rate", "10", "--preset", "near-lossless", "--max-error", "2lsb"],
+            "'1' has no known step, so an amount in lsb does not apply: add --lsb",
+        ),
         (b"1\n", ["--rate", "10", "--append"], "No such file"),
         (b"1\n", ["--rate", "10", "--input", "nowhere"], "No such file"),
     ],

@@ -664,7 +664,7 @@ class TestRefused:
             LiveEncoder(settings).level([COUNTS])
 
     def test_an_amount_in_steps_needs_a_step(self):
-        with pytest.raises(ParameterError, match="'force' has no known step.*: add lsb="):
+        with pytest.raises(ParameterError, match=r"'force' has no known step.*: add lsb="):
             LiveEncoder(Settings.of("near-lossless", max_error="2lsb")).level([FLOATS])
 
     @pytest.mark.parametrize("dtype", ["i2", "i4", "i8", "u8"])

@@ -21,7 +21,7 @@ from spec import ROOT
 
 import hapfmt
 from hapfmt import Calibration, Channel, Input, Recorder, Recording, Settings, Span
-from hapfmt.errors import LimitError, ParameterError
+from hapfmt.errors import DataWarning, LimitError, ParameterError
 from hapfmt.recording import spans_of
 from hapfmt.writing.clusters import ClusterGrid, SampleRows
 
@@ -494,7 +494,14 @@ def test_what_the_encoder_refuses_leaves_a_valid_file(tmp_path):
     recorder = Recorder(path, [Input("x", 10, lsb=1e-3), Input("silent", 10)], hold=1000)
     recorder.write("x", np.zeros(25))
     recorder.flush()
-    recorder.write("x", np.full(20, 1e30))
+    with pytest.raises(ParameterError, match=r"1e\+30 of 'x' is outside the 24 bits"):
+        recorder.write("x", np.full(20, 1e30))
+
+    def refuse(_: object) -> None:
+        raise ParameterError("no")
+
+    recorder.worker.encoder.encode = refuse
+    recorder.write("x", np.zeros(20))
     with pytest.raises(ParameterError):
         recorder.flush()
     with pytest.raises(ParameterError):
@@ -662,6 +669,36 @@ def test_metadata_that_changes_is_written_at_the_end(tmp_path):
 @pytest.mark.parametrize(
     "chosen",
     [
+        Settings.of("perceptual", texture=False),
+        Settings.of("near-lossless", max_error="0.01"),
+        Settings.of("near-lossless"),
+    ],
+)
+def test_floats_of_lossy_presets_keep_a_bound_of_the_whole_recording(tmp_path, chosen):
+    """In a file, in two parts, and as small as if the whole had been known."""
+    g, t = np.random.default_rng(1), np.arange(5000) / 1000
+    x = 2 * np.sin(5 * t) + g.normal(0, 0.002, t.size)
+    x[3000] = np.inf
+    with (
+        pytest.warns(DataWarning, match="1000 samples of 'f' are kept bit for bit"),
+        Recorder(tmp_path / "a.hapf", [Input("f", 1000, "N")], chosen) as recorder,
+    ):
+        recorder.write("f", x[:4000])
+    with Recorder(tmp_path / "a.hapf", [Input("f", 1000, "N")], chosen, append=True) as recorder:
+        recorder.write("f", x[4000:])
+    assert hapfmt.verify(tmp_path / "a.hapf").verdict == "intact"
+    y = hapfmt.read(tmp_path / "a.hapf").channels[0].samples()
+    floor = chosen.max_error.absolute(4.01, None) if chosen.preset == "near-lossless" else 0.01
+    k = float(chosen.k) if chosen.preset == "perceptual" else 0
+    same = x == y
+    assert (np.abs(x[~same] - y[~same]) <= np.maximum(k * np.abs(x[~same]), floor)).all()
+    assert y[3000] == np.inf and 1000 <= np.count_nonzero(same) < 1100
+    assert (tmp_path / "a.hapf").stat().st_size < 5000 + 8 * 1000
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [
         Settings.of("lossless", fast=True),
         Settings.of("perceptual", texture=False),
         Settings.of("perceptual", texture=False, felt="all", floor="0.02"),
@@ -784,7 +821,10 @@ def test_clock_observations_are_stored_raw_and_maps_only_when_asked(tmp_path):
         assert seen[3].time_ns == 5 * 10**9 + 3 * 1_000_040_000 and seen[3].uncertainty_ns == 100
         assert reader.channels[seen[3].channel].label == "a"
         assert {o.channel for o in reader.clocks if o.clock == "gps"} == {None}
-    with Recorder(path, inputs, append=True, clock_maps=True) as recorder:
+    with (
+        pytest.warns(DataWarning, match="no map of clock 'once'"),
+        Recorder(path, inputs, append=True, clock_maps=True) as recorder,
+    ):
         observe(recorder, 20, 40)
         recorder.clock("once", "a", 40_000, 5)
     assert hapfmt.verify(path).verdict == "intact"
@@ -849,7 +889,10 @@ def test_events_and_observations_alone_wait_no_longer_than_hold(tmp_path):
 
 def test_a_clock_that_leaps_has_no_map_that_a_file_holds(tmp_path):
     """Set from 0 to the time of day: the observations stay, and a note says why there is no map."""
-    with Recorder(tmp_path / "a.hapf", [counts_input()], clock_maps=True) as recorder:
+    with (
+        pytest.warns(DataWarning, match="no map of clock 'pc'"),
+        Recorder(tmp_path / "a.hapf", [counts_input()], clock_maps=True) as recorder,
+    ):
         recorder.write("force", np.zeros(40_000, np.int32))
         for second in range(40):
             leap = 10**18 * (second >= 20)

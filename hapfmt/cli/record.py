@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import select
 import signal
+import stat
 import sys
 import time
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from fractions import Fraction
 from types import FrameType
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -36,7 +37,7 @@ from .screen import Verb, complain, note, say
 
 if TYPE_CHECKING:
     from ..writing.recorder import Recorder, Status
-    from ..writing.streams import Header
+    from ..writing.streams import Header, OnBadLine
 
 PIECE = 1 << 16
 """Most bytes taken from the stream at once."""
@@ -97,6 +98,11 @@ LOST = 3
     show_default=True,
     help="If the encoder is too slow: block the stream, drop samples, or stop.",
 )
+@click.option(
+    "--on-bad-line",
+    type=click.Choice(["gap", "stop"]),
+    help="If a line cannot be used: leave a gap, or stop [stop for a file, gap for a device].",
+)
 @click.option("--append", is_flag=True, help="Append to OUT.")
 @click.option(
     "--at",
@@ -120,6 +126,7 @@ def record(
     lsb: float | None,
     preset: str,
     fsync: str,
+    on_bad_line: OnBadLine | None,
     append: bool,
     force: bool,
     as_json: bool,
@@ -151,32 +158,44 @@ def record(
         return Recorder(file, header.inputs, settings, metadata=header.metadata, **options, **more)
 
     table = BareTable(rate, labels.split(",") if labels else (), unit, lsb)
-    stream = InputStream(begin, table)
     began = time.monotonic()
-    with warnings.catch_warnings(), ExitSignals() as stopping:
+    with warnings.catch_warnings(), ExitSignals() as stopping, opened(source) as descriptor:
         warnings.simplefilter("ignore", RuntimeWarning)
+        is_file = stat.S_ISREG(os.fstat(descriptor).st_mode)
+        stream = InputStream(begin, table, on_bad_line, usual="stop" if is_file else "gap")
+        failed = True
         try:
-            with opened(source) as descriptor, RecordStatus(stream) as line:
+            with RecordStatus(stream) as line:
                 for data in pieces(descriptor, stopping, line):
                     stream.feed(data)
             if not stopping.asked:
                 stream.finish()
+            failed = False
         finally:
-            if stream.recorder is not None:
-                stream.recorder.close()
+            with ExitStack() as last:
+                if failed and stream.recorder is not None:
+                    last.callback(tell_kept, target, stream.recorder)
+                stream.close()
     recorder = stream.recorder
     if recorder is None:
         raise ParameterError("stopped before the stream named a channel; nothing was written")
-    status = recorder.status()
+    status, (bad_count, first_bad) = recorder.status(), stream.bad_lines
     if as_json and target != "-":
         labels_ = [given.label for given in recorder.inputs]
-        echo_json({**status.as_json(), "wall_s": time.monotonic() - began, "channels": labels_})
+        more = {"wall_s": time.monotonic() - began, "channels": labels_, "bad_lines": bad_count}
+        echo_json({**status.as_json(), **more})
     else:
         say(f"{target}: {summary(status)}", err=target == "-")
+    if bad_count:
+        complain(f"{counted(bad_count, 'line')} could not be used; the first: {first_bad}")
     if status.dropped:
         complain(dropped(status))
-        return LOST
-    return 0
+    return LOST if status.dropped or bad_count else 0
+
+
+def tell_kept(target: str, recorder: Recorder) -> None:
+    """What is in the file although the recording ended with an error."""
+    say(f"kept in {target}: {summary(recorder.status())}", err=True)
 
 
 def fsync_of(text: str) -> str | float:

@@ -10,13 +10,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from io import TextIOWrapper
-from math import inf, isinf, nan
+from math import nan
 from typing import BinaryIO, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LimitError, MovedTimesWarning, ParameterError, channels_called
+from ..numbers import DOUBLE, double, plain_doubles
 from ..recording import Channel, Recording, Span, known_samples, spans_at, unique
 from ..times import TIME_UNITS, TickGrid, TimeStamps, seconds_of_date, time_name
 from ..units import split_name, to_ucum
@@ -33,7 +34,6 @@ from .common import (
 from .formats import Destination, ReadOptions, Source, WriteOptions
 from .timestamps import kept_stamps
 
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.A | re.I)
 _COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.A | re.I)
 """A number with a decimal comma."""
 _DELIMITERS = "\t;,"
@@ -60,7 +60,7 @@ _SPACES = (
 def _in_spaces(line: str) -> bool:
     """Whether a line without another delimiter holds several numbers."""
     cells = line[:1000].split()[:3]
-    return len(cells) > 1 and all(map(_NUMBER.fullmatch, cells))
+    return len(cells) > 1 and all(map(DOUBLE.fullmatch, cells))
 
 
 class _Lines:
@@ -78,7 +78,7 @@ class _Lines:
             if line.startswith("#"):
                 self.comments += 1
                 continue
-            # float() would take 1_000 and digits of other scripts.
+            # float() takes 1_000 and digits of other scripts too.
             self.is_plain = line.isascii() and "_" not in line
             self.has_points = self.has_points or (self.number > 1 and "." in line)
             yield line
@@ -140,7 +140,7 @@ class _Table:
         self._names = [cell.strip() for cell in next(self._reader([header]))]
         if len(self._names) == 1 and _in_spaces(self._names[0]):
             self._refuse(_SPACES)
-        if all(_NUMBER.fullmatch(name) or not name for name in self._names):
+        if all(DOUBLE.fullmatch(name) or not name for name in self._names):
             self._refuse("the first row holds numbers; a header row 'name [unit]' is expected")
         # Some programs write a delimiter at the end of each row: it does not start a column.
         self._trailing = len(self._names) > 1 and not self._names[-1]
@@ -237,7 +237,7 @@ class _Table:
         if self._commas:
             cell = cell.replace(",", ".")
         try:
-            if _NUMBER.fullmatch(cell) is None:
+            if DOUBLE.fullmatch(cell) is None:
                 raise ValueError
             self._rising.add(cell)
         except ValueError:
@@ -289,7 +289,7 @@ class _Table:
     def _refuse_units(self, row: list[str]) -> None:
         """A first row of texts, some of which are units."""
         texts = [cell for cell in row if cell]
-        if any(_NUMBER.fullmatch(cell) or seconds_of_date(cell) for cell in texts):
+        if any(DOUBLE.fullmatch(cell) or seconds_of_date(cell) for cell in texts):
             return
         codes = [to_ucum(cell) for cell in row]
         units = [place for place, code in enumerate(codes) if code != "1" and "{" not in code]
@@ -301,14 +301,9 @@ class _Table:
 
     def _row_values(self, row: list[str], first: int) -> list[float]:
         if self._lines.is_plain and not self._commas:
-            try:
-                values = list(map(float, row))
-            except ValueError:
-                pass
-            else:
-                # 1e999 becomes infinite silently, "inf" is a value: look at the cells.
-                if inf not in values and -inf not in values:
-                    return values
+            values = plain_doubles(row)
+            if values is not None:
+                return values
         return [self._value(cell.strip(), first + index) for index, cell in enumerate(row)]
 
     def _value(self, cell: str, column: int) -> float:
@@ -324,17 +319,17 @@ class _Table:
 
     def _number(self, cell: str, column: int) -> float:
         cell = self._with_point(cell, column)
-        if _NUMBER.fullmatch(cell) is None:
-            if len(self._names) == 1 and _in_spaces(cell):
-                self._refuse(_SPACES)
-            others = len(self._names) - 1 - (self._stamps is not None)
-            hint = "; leave the column out: name the others (select=)"
-            hint = hint if others and not self._select else ""
-            self._refuse(f"{cell[:40]!r} is not a number{hint}", column)
-        value = float(cell)
-        if isinf(value) and "inf" not in cell.lower():
-            self._refuse(f"{cell[:40]!r} is beyond the range of a double", column)
-        return value
+        try:
+            return double(cell)
+        except ParameterError as error:
+            hint = ""
+            if DOUBLE.fullmatch(cell) is None:
+                if len(self._names) == 1 and _in_spaces(cell):
+                    self._refuse(_SPACES)
+                others = len(self._names) - 1 - (self._stamps is not None)
+                if others and not self._select:
+                    hint = "; leave the column out: name the others (select=)"
+            self._refuse(error.message + hint, column)
 
     def _with_point(self, cell: str, column: int) -> str:
         """A number with a decimal comma, where all of the table has one."""
@@ -358,7 +353,7 @@ class _Table:
             cell = seconds_of_date(cell) or self._refuse(f"{cell[:40]!r} is not a date", 0)
         else:
             cell = self._with_point(cell, 0)
-        if _NUMBER.fullmatch(cell) is None:
+        if DOUBLE.fullmatch(cell) is None:
             self._refuse(
                 f"{cell[:40]!r} is not a time; write seconds, or 2026-11-22T17:05:00.25Z", 0
             )

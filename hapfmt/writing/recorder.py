@@ -53,7 +53,9 @@ def owned(values: ArrayLike, inputs: Sequence[Input]) -> NDArray[Any]:
                 f"samples of {named(inputs)} are floats, not {given.dtype}: "
                 "integer counts need an Input with a calibration"
             )
-        return np.array(given, np.float64, order="C")
+        values = np.array(given, np.float64, order="C")
+        check_steps(values, inputs)
+        return values
     if given.dtype.kind not in "iu" and given.size:
         raise ParameterError(
             f"samples of {named(inputs)} are integer counts, not {given.dtype}, "
@@ -80,6 +82,20 @@ def check_range(counts: NDArray[Any], inputs: Sequence[Input]) -> None:
                 f"counts of {given.label!r} from {low} to {high} need more than its "
                 f"{given.bits} bits"
             )
+
+
+def check_steps(values: NDArray[np.float64], inputs: Sequence[Input]) -> None:
+    """ParameterError for floats beyond the counts of an input with an lsb."""
+    for place, given in enumerate(inputs):
+        if given.lsb is not None:
+            x, half = values[:, place], 1 << (given.bits - 1)
+            beyond = (x < given.lsb * -half) | (x > given.lsb * (half - 1))
+            if beyond.any():
+                odd = float(x[beyond][0])
+                raise ParameterError(
+                    f"{odd!r} of {given.label!r} is outside the {given.bits} bits of steps of "
+                    f"{given.lsb:g}: give a larger lsb"
+                )
 
 
 def within(low: int, high: int, bits: int) -> bool:

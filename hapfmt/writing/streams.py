@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from math import isinf
+from math import nan
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from ..descriptions import parse_json, read
 from ..encoder.live import Input
 from ..errors import ParameterError
+from ..numbers import counted, double, plain_doubles
 from ..recording import Calibration, spans_of
 from ..structs import Meta, OneOf, Struct, keys_of
 from ..times import may_be_times
 from ..units import given_units, split_name, units_for
-from .recorder import Recorder
+from .recorder import Recorder, check_range, owned
 
 UNSET: Any = object()
 """A key that was not given, where null says something."""
@@ -185,26 +186,35 @@ class StreamSession:
         """Rows [ticks, channels], NaN where a sample is missing."""
         recorder = self.running
         start = self.tick if tick is None else tick
-        rates = {given.rate for given in recorder.inputs}
-        if len(rates) > 1:
-            raise ParameterError(
-                "rows are for channels of one rate: give the values of each channel"
-            )
-        counts = [p for p, given in enumerate(recorder.inputs) if given.takes_counts]
-        floats = [p for p, given in enumerate(recorder.inputs) if not given.takes_counts]
+        self.refuse_rates()
+        inputs = recorder.inputs
+        counts = [p for p, given in enumerate(inputs) if given.takes_counts]
+        floats = [p for p, given in enumerate(inputs) if not given.takes_counts]
+        rest = values if not counts else values[:, floats]
         if counts:
             chosen = values[:, counts]
-            if chosen.dtype.kind == "i":
+            missing = np.isnan(chosen)
+            if chosen.dtype.kind == "f":
+                chosen = whole(np.where(missing, 0, chosen))
+            # All are checked before some are taken.
+            check_range(chosen, [inputs[place] for place in counts])
+            if floats:
+                owned(rest, [inputs[place] for place in floats])
+            if not missing.any():
                 recorder.write_rows(chosen, start, counts)
-            elif not np.isnan(chosen).any():
-                recorder.write_rows(whole(chosen), start, counts)
             else:
                 for place in counts:
                     self.counts(place, values[:, place], start)
         if floats:
-            chosen = values if not counts else values[:, floats]
-            recorder.write_rows(chosen, start, floats)
+            recorder.write_rows(rest, start, floats)
         self.tick = start + len(values)
+
+    def refuse_rates(self) -> None:
+        """Rows are for channels of one rate."""
+        if len({given.rate for given in self.running.inputs}) > 1:
+            raise ParameterError(
+                "rows are for channels of one rate: give the values of each channel"
+            )
 
     def counts(self, place: int, values: NDArray[np.float64], start: int) -> None:
         """Counts of one channel, some of them missing."""
@@ -246,8 +256,11 @@ DECIMAL = re.compile(rb"[+-]?\d*[.,]?\d+(e[+-]?\d+)?", re.I)
 """A number with a decimal point or comma."""
 
 
-class RangeError(ValueError):
-    """A number, and no name, but too large for a double."""
+OnBadLine = Literal["gap", "stop"]
+"""What to do with a line that cannot be used; a gap is a row without samples."""
+
+ALMOST = re.compile(r"[+-]?0x[0-9a-f]+", re.I)
+"""Besides what float() takes: numbers that are none here, and no names of columns either."""
 
 
 @dataclass(frozen=True)
@@ -301,11 +314,13 @@ class PendingRows:
 class LineStream:
     """Takes bytes in pieces of any size; whole lines are worked off at the end of each piece."""
 
-    def __init__(self, session: StreamSession, table: BareTable) -> None:
-        self.session, self.table = session, table
+    def __init__(self, session: StreamSession, table: BareTable, on_bad_line: OnBadLine) -> None:
+        self.session, self.table, self.on_bad_line = session, table, on_bad_line
         self.rest = b""
         self.number = 0
         self.rows = PendingRows()
+        self.bad_count = 0
+        self.first_bad = ""
 
     @property
     def place(self) -> str:
@@ -327,6 +342,18 @@ class LineStream:
         self.rest = b""
         self.settle()
 
+    def check(self, error: ParameterError) -> None:
+        """Count a line that cannot be used; raise the error where the recording ends."""
+        recorder = self.session.recorder
+        if error.path is not None or (recorder and recorder.queue.error):
+            raise error
+        if self.on_bad_line == "stop":
+            raise ParameterError(
+                f"{error.message}; to go on after such a line: on_bad_line='gap'"
+            ) from error
+        self.bad_count += 1
+        self.first_bad = self.first_bad or f"{self.place}: {error.message}"
+
     def line(self, line: bytes) -> None:
         line = line.strip(b" \r")
         self.number += 1
@@ -334,7 +361,12 @@ class LineStream:
             return
         if line.startswith(b"{"):
             self.settle()
-            self.session.object(parse_json(line))
+            try:
+                self.session.object(parse_json(line))
+            except ParameterError as error:
+                if self.session.recorder is None:
+                    raise
+                self.check(error)
             return
         if self.session.recorder is None and self.begin(line):
             return
@@ -343,7 +375,8 @@ class LineStream:
             self.settle()
             head, _, line = line[1:].partition(b" ")
             if not head.isdigit() or len(head) > TICK_DIGITS or not line.strip():
-                raise ParameterError("@ is followed by a tick, a space, and a row")
+                self.check(ParameterError("@ is followed by a tick, a space, and a row"))
+                return
             tick = int(head)
         if not self.rows.lines:
             self.rows.number, self.rows.tick = self.number, tick
@@ -354,58 +387,66 @@ class LineStream:
         self.rows.lines.append(line)
 
     def begin(self, line: bytes) -> bool:
-        """The recorder of a bare table; whether its first line holds names."""
-        names = [name.decode("utf-8", "replace").strip() for name in fields_of(line)]
+        """The recorder of a bare table; whether its first line holds names, or is left out."""
+        line = line.partition(b" ")[2] if line.startswith(b"@") else line
+        cells = [cell.strip() for cell in fields_of(line)]
+        numbers = [is_number(cell) for cell in cells]
         refuse_commas(line)
-        try:
-            parse_rows([line.partition(b" ")[2] if line.startswith(b"@") else line], len(names))
-        except RangeError as error:
-            raise ParameterError(str(error)) from None
-        except ValueError:
-            self.session.start(self.table.header(names))
-            return True
-        self.session.start(self.table.header(columns=len(names)))
-        return False
+        # A program that is joined amid a line sends its rest first.
+        known = self.table.labels if self.on_bad_line == "gap" else ()
+        is_row = all(numbers)
+        if is_row or (known and (len(cells) != len(known) or any(numbers))):
+            try:
+                parse_row(line, len(known or cells))
+            except ParameterError as error:
+                if not known:
+                    raise
+                self.check(error)
+                return True
+        self.session.start(self.table.header(*((), len(cells)) if is_row else (cells,)))
+        return not is_row
 
     def settle(self) -> None:
         """Hand over the rows that were collected."""
         rows, self.rows = self.rows, PendingRows()
         if not rows.lines:
             return
-        columns = len(self.session.running.inputs)
-        try:
-            values = parse_rows(rows.lines, columns)
-        except ValueError:
-            good = []
-            for place, line in enumerate(rows.lines):
-                try:
-                    good.append(parse_rows([line], columns))
-                except ValueError as error:
-                    self.hand_over(good, rows.tick)
+        last, columns = self.number, len(self.session.running.inputs)
+        self.session.refuse_rates()
+        values: list[list[float]] = []
+        for place, line in enumerate(rows.lines):
+            self.number = rows.number + place
+            try:
+                values.append(parse_row(line, columns))
+            except ParameterError as error:
+                if self.on_bad_line == "stop":
+                    self.hand_over(values, rows)
                     self.number = rows.number + place
                     refuse_commas(line)
-                    raise ParameterError(str(error)) from None
-            raise AssertionError("rows that parse alone parse together") from None
-        self.hand_over([values], rows.tick, rows.number)
+                self.check(error)
+                values.append([nan] * columns)
+        self.hand_over(values, rows)
+        self.number = last
 
-    def hand_over(
-        self, parts: Sequence[NDArray[np.float64]], tick: int | None, number: int | None = None
-    ) -> None:
-        if not parts:
+    def hand_over(self, values: list[list[float]], rows: PendingRows) -> None:
+        if not values:
             return
-        last, self.number = self.number, self.number if number is None else number
-        values, recorder = np.concatenate(parts), self.session.running
-        taken = recorder.taken
+        array, recorder = np.array(values), self.session.running
+        self.number, taken = rows.number, recorder.taken
         try:
-            self.session.rows(values, tick)
+            self.session.rows(array, rows.tick)
         except ParameterError:
-            if number is None or len(values) == 1 or recorder.taken > taken:
+            if recorder.taken > taken:
                 raise
             # One of them is at fault: the others are kept.
-            for place, row in enumerate(values):
-                self.number = number + place
-                self.session.rows(row[None], tick if place == 0 else None)
-        self.number = last
+            for place, row in enumerate(array):
+                self.number = rows.number + place
+                tick = rows.tick if place == 0 else None
+                try:
+                    self.session.rows(row[None], tick)
+                except ParameterError as error:
+                    self.check(error)
+                    self.session.tick += tick is None
 
 
 def refuse_commas(line: bytes) -> None:
@@ -423,42 +464,27 @@ def refuse_commas(line: bytes) -> None:
             )
 
 
-def fields_of(line: bytes) -> list[bytes]:
-    for separator in (b",", b";", b"\t"):
-        if separator in line:
-            return line.split(separator)
-    return line.split()
+def fields_of(line: bytes) -> list[str]:
+    text = line.decode("utf-8", "replace")
+    for separator in (",", ";", "\t"):
+        if separator in text:
+            return text.split(separator)
+    return text.split()
 
 
-def parse_rows(lines: Sequence[bytes], columns: int) -> NDArray[np.float64]:
-    """[lines, columns], NaN where a field is empty; ValueError says what is wrong."""
-    out = np.empty((len(lines), columns))
-    for place, line in enumerate(lines):
-        found = fields_of(line)
-        if len(found) != columns:
-            raise ValueError(f"{len(found)} values for {columns} channels")
-        try:
-            out[place] = [float(text) if text and not text.isspace() else np.nan for text in found]
-        except ValueError:
-            odd = next(text for text in found if not is_number(text))
-            raise ValueError(f"{odd.decode('utf-8', 'replace')!r} is not a number") from None
-    if np.isinf(out).any():
-        # "inf" is a value; a number too large would become one without a word.
-        for line in lines:
-            for text in fields_of(line):
-                if overflows(text):
-                    shown = text.decode("utf-8", "replace").strip()
-                    raise RangeError(f"{shown[:40]!r} is beyond the range of a double")
-    return out
+def parse_row(line: bytes, columns: int) -> list[float]:
+    """The numbers of a row, nan where a field is empty; ParameterError says what is wrong."""
+    found = fields_of(line)
+    if len(found) != columns:
+        raise ParameterError(f"{len(found)} values for {columns} channels")
+    values = plain_doubles(found) if line.isascii() and b"_" not in line else None
+    return values or [double(cell.strip()) if cell.strip() else nan for cell in found]
 
 
-def overflows(text: bytes) -> bool:
-    return b"inf" not in text.lower() and bool(text.strip()) and isinf(float(text))
-
-
-def is_number(text: bytes) -> bool:
+def is_number(cell: str) -> bool:
+    """Whether a cell of a first line is no name of a column: empty, or what looks like a number."""
     try:
-        return float(text.strip() or b"nan") is not None
+        return not cell or bool(ALMOST.fullmatch(cell)) or float(cell) is not None
     except ValueError:
         return False
 
@@ -551,19 +577,34 @@ class Frames:
 class InputStream:
     """Takes bytes in pieces of any size. ``begin`` makes the recorder once the channels are known.
 
+    ``on_bad_line``: what to do with a line that cannot be used; None: the ``usual``.
+
     Errors of the stream say where: a line, or the byte where a frame begins. What came before is
     with the recorder.
     """
 
-    def __init__(self, begin: Callable[[Header], Recorder], table: BareTable | None = None) -> None:
+    def __init__(
+        self,
+        begin: Callable[[Header], Recorder],
+        table: BareTable | None = None,
+        on_bad_line: OnBadLine | None = None,
+        *,
+        usual: OnBadLine = "stop",
+    ) -> None:
         self.session = StreamSession(begin)
-        self.table = table or BareTable()
+        self.table, self.on_bad_line, self.usual = table or BareTable(), on_bad_line, usual
         self.first = b""
         self.parser: LineStream | Frames | None = None
 
     @property
     def recorder(self) -> Recorder | None:
         return self.session.recorder
+
+    @property
+    def bad_lines(self) -> tuple[int, str]:
+        """How many lines were left out, and what was wrong with the first."""
+        parser = self.parser
+        return (parser.bad_count, parser.first_bad) if isinstance(parser, LineStream) else (0, "")
 
     def feed(self, data: bytes) -> None:
         if self.parser is None:
@@ -577,7 +618,12 @@ class InputStream:
 
     def choose(self) -> None:
         binary = self.first.startswith(MAGIC)
-        self.parser = Frames(self.session) if binary else LineStream(self.session, self.table)
+        if not binary:
+            self.parser = LineStream(self.session, self.table, self.on_bad_line or self.usual)
+            return
+        if self.on_bad_line is not None:
+            raise ParameterError("frames have no lines: leave out on_bad_line")
+        self.parser = Frames(self.session)
 
     def finish(self) -> None:
         """The stream has ended."""
@@ -588,6 +634,17 @@ class InputStream:
         self.work(lambda parser: parser.finish())
         if self.recorder is None:
             raise ParameterError("the stream ended before any channel was named")
+
+    def close(self) -> None:
+        """Close the recorder; the file says how many lines were left out."""
+        if self.recorder is None:
+            return
+        count, first = self.bad_lines
+        if count:
+            notes = self.recorder.metadata.get("notes", [])
+            text = f"{counted(count, 'line')} of the stream could not be used; the first: {first}"
+            self.recorder.metadata["notes"] = [*(notes if isinstance(notes, list) else []), text]
+        self.recorder.close()
 
     def work(self, step: Callable[[LineStream | Frames], None]) -> None:
         assert self.parser is not None
