@@ -5,14 +5,21 @@ from __future__ import annotations
 
 import io
 import sys
+from collections import Counter
 from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import forge as f
 import numpy as np
 import pytest
 from depth import either
+from fuzzing.spliced import check
+from hypothesis import given
+from hypothesis import strategies as st
 from judge import rule, samples
 from spec import ROOT
+from test_viewer_data import NODE, Viewer
 
 import hapfmt
 from hapfmt.format.source import BytesSource
@@ -124,6 +131,33 @@ class TestChoice:
         data[data.index(inner) + 3] ^= 1
         assert identify(BytesSource(bytes(data))) == f.FILE_ID
         assert samples(bytes(data)) == samples(f.minimal())
+
+
+@pytest.fixture(scope="module")
+def viewer():
+    if NODE is None:
+        yield None
+        return
+    one = Viewer()
+    with one.process:
+        yield one.open
+
+
+@either("count", 60, deep=2000)
+def test_every_way_to_read_agrees(count, viewer, tmp_path):
+    """
+    REC-014: Every way to read a file MUST take the same file id: whole, in part, by an index, or while it grows. A reader uses an index only where `HEAD` and `last` of `identify` have the same id.
+    """
+    told = Counter()
+    for seed in range(count):
+        told.update(check(seed, tmp_path, viewer))
+    assert told["damaged"] > count // 2 and told["intact"]
+
+
+@given(st.integers(0, 1 << 62))
+def test_any_splice(seed):
+    with TemporaryDirectory() as folder:
+        check(seed, Path(folder))
 
 
 class TestIds:

@@ -130,7 +130,7 @@ MUTANTS = (
         "file-id-of-first-header",
         "The file id is that of the first header, whatever follows.",
         "REC-013",
-        Edit(IDENTIFY, "max(chosen, key=votes.__getitem__, default=None)", "next(iter(votes), None)"),
+        Edit(IDENTIFY, "max(chosen, key=votes.__getitem__, default=None)", "next(iter(votes))"),
     ),
     mutant(
         "file-id-by-number-of-chunks",
@@ -147,7 +147,7 @@ MUTANTS = (
         "file-id-by-bytes-alone",
         "Most bytes choose the file id, whatever HEAD and the footer say.",
         "REC-014",
-        Edit(IDENTIFY, 'first.intact and first.header.type == "HEAD"', "False"),
+        Edit(IDENTIFY, "if first and last and begun", "if False and first and last"),
     ),
     mutant(
         "file-id-without-description",
@@ -161,8 +161,8 @@ MUTANTS = (
         "REC-012",
         Edit(
             "reading.packets:PacketPass.packets",
-            "self.lines[track][0].uncovered(start, end or start)",
-            "[(start, end)]",
+            "self.lines[track][0].uncovered(low, high or low)",
+            "[(low, high or low)]",
         ),
     ),
     mutant(

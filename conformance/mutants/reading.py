@@ -270,8 +270,8 @@ MUTANTS = (
         "CLK-006",
         Edit(
             "hapfmt_adapter.decode:decoded",
-            "tracks, layers, broken = decode_tracks(reader)",
-            "tracks, layers, broken = decode_tracks(reader)\n"
+            "tracks, layers = decode_tracks(reader)",
+            "tracks, layers = decode_tracks(reader)\n"
             "    for found in catalogue.clock_maps:\n"
             "        ids = [i for i, t in tracks.items() if found.channel in t.track.channels]\n"
             "        spans = tracks[ids[0]].spans if ids else []\n"

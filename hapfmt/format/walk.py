@@ -195,9 +195,9 @@ def identify(source: ByteSource) -> int | None:
     work = WORK_BASE + WORK_FACTOR * source.size
     last = last_mark(source, work)
     first = read_chunk(source, len(SIGNATURE)) if signed(source) else None
-    if first and last and first.intact and first.header.type == "HEAD":
-        if first.header.file_id == last.header.file_id:
-            return last.header.file_id
+    begun = first is not None and first.intact and first.header.type == "HEAD"
+    if first and last and begun and first.header.file_id == last.header.file_id:
+        return first.header.file_id
     # Bytes that hold under each id, in the order of their first headers.
     votes: dict[int, int] = {}
     described = {last.header.file_id} if last else set()

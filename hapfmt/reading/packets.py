@@ -245,9 +245,9 @@ class PacketPass:
             self.suspect(ranges, UNKNOWN, offset)
         for track in sorted(ranges):
             self.losses.end(track, self.lines[track][0].stop)
-        for track, start, end, at in self.left_out:
+        for track, low, high, at in self.left_out:
             # A tick is delivered or lost, never both.
-            for span in self.lines[track][0].uncovered(start, end or start):
+            for span in self.lines[track][0].uncovered(low, high or low):
                 self.losses.lose(track, *span, at or 0)
 
     def tail(self) -> list[int]:

@@ -125,42 +125,48 @@ def choices() -> Iterator[Case]:
         ],
         lost=[(2, 0, None), (0, 100, None), (1, 100, None)],
     )  # fmt: skip
-    large = w.lay(HEAD, THREE, [w.packet(0, 0, 1000)], *w.clusters(1000))
+    large = w.lay(HEAD, THREE, [w.packet(0, 0, 1000)], *w.clusters(1000), close=False)
     place, row = large.of("DATA"), large.row(0, 0)
-    small = b"".join(
+    small = f.chunk("TRAK", THREE[1], 1, track=0, file_id=OTHER_ID) + b"".join(
         f.chunk("DATA", f.cluster(w.packet(0, n), file_id=OTHER_ID), n, file_id=OTHER_ID)
-        for n in range(24)
+        for n in range(2, 24)
     )
     at = row.at + 50
+    assert at + len(small) < row.stop
+    kept = dict.fromkeys(range(3), ((1000, 1004),))
+    gone = [(track, 0, 1000) for track in range(3)]
+    open_end = ("not-closed", len(large.data), 0)
     yield wrecked(
         "chunks-of-another-file-within",
-        "A packet is overwritten by 24 chunks of another file. They are not counted, since the "
-        "next header is where the damaged payload ends.",
-        RULES, "framing/other-file", w.over(large.data, at, small),
-        kept=dict.fromkeys(range(3), ((1000, 1004),)),
+        "A packet is overwritten by a TRAK and clusters of another file. They are not counted, "
+        "since the next header is where the damaged payload ends.",
+        RULES, "framing/other-file", w.over(large.data, at, small), kept=kept, lost=gone,
         damages=[
             ("bad-payload", place.at, place.size), ("other-file", at, 0),
-            ("bad-table", place.payload, place.size - f.HEADER),
+            ("bad-table", place.payload, place.size - f.HEADER), open_end,
         ],
-        lost=[(track, 0, 1000) for track in range(3)],
     )  # fmt: skip
-    place, stop = large.of("DATA"), large.of("DATA", 1).at
-    packets = {2: [w.packet(0, 0, 1000)], 3: w.clusters(1000)[0]}
-    strangers = other_of(large, packets)[place.at : stop]
-    kept = dict.fromkeys(range(3), ((1000, 1004),))
+    strangers = other_of(large, {2: [w.packet(0, 0, 1000)], 3: w.clusters(1000)[0]})
+    strangers = strangers[place.at : place.stop]
     damages = [("garbage", place.at, place.size), ("other-file", place.at, 0),
-               ("missing-chunk", stop, 0)]  # fmt: skip
-    gone = [(track, 0, 1000) for track in range(3)]
-    yield wrecked(
-        "most-bytes-of-another-file",
-        "Most bytes are of a cluster of another file; HEAD and footer choose the file id.",
-        [*RULES, "REC-014"], "framing/other-file", w.over(large.data, place.at, strangers),
-        kept=kept, damages=damages, lost=gone,
-    )  # fmt: skip
-    still = w.lay(HEAD, THREE, [w.packet(0, 0, 1000)], *w.clusters(1000), close=False)
+               ("missing-chunk", place.stop, 0)]  # fmt: skip
     yield wrecked(
         "most-bytes-of-a-file-without-tracks",
         "A file that was not closed; most bytes are of another file, of which no TRAK is there.",
-        [*RULES, "REC-014"], "framing/other-file", w.over(still.data, place.at, strangers),
-        kept=kept, damages=[*damages, ("not-closed", len(still.data), 0)], lost=gone,
+        [*RULES, "REC-014"], "framing/other-file", w.over(large.data, place.at, strangers),
+        kept=kept, damages=[*damages, open_end], lost=gone,
+    )  # fmt: skip
+    copied = w.lay(HEAD, THREE, [w.packet(0, 0, 1000)], THREE, *w.clusters(1000))
+    first, stop = copied.of("DATA"), copied.of("DATA", 1).at
+    packets = {2: [w.packet(0, 0, 1000)], 4: w.clusters(1000)[0]}
+    strangers = other_of(copied, packets)[first.at : stop]
+    yield wrecked(
+        "most-bytes-of-another-file",
+        "Most bytes are of a TRAK and a cluster of another file; HEAD and footer choose the id.",
+        [*RULES, "REC-014"], "framing/other-file", w.over(copied.data, first.at, strangers),
+        kept=kept, lost=gone,
+        damages=[
+            ("garbage", first.at, stop - first.at), ("other-file", first.at, 0),
+            ("missing-chunk", stop, 0),
+        ],
     )  # fmt: skip
