@@ -11,7 +11,7 @@ const MOST = 8; // channels, as many as colours tell apart
 const FIRST_PEAK = 2; // bin 1 holds what is left of the mean and of slow drift
 const DECADES = 8; // below the peak of a line
 
-export const spectrumTab = { id: 'spectrum', title: 'Spectrum', create: (app) => new Spectrum(app) };
+export const spectrumTab = { id: 'spectrum', title: 'Spectrum', share: 0.4, create: (app) => new Spectrum(app) };
 
 // A choice of the length of a segment; 0: by the number of samples.
 export function lengthChoice(onChange) {
