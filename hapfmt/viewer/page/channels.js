@@ -1,5 +1,5 @@
 // The list of channels: which are shown, a filter by text.
-import { element, setText } from './dom.js';
+import { element, setText, widestOf } from './dom.js';
 import { Rows } from './rows.js';
 import { colorIn } from './chart.js';
 import { laneTitle, swatchOf } from './panels.js';
@@ -40,7 +40,7 @@ export function chooseLanes(state) {
 export class ChannelList {
   constructor(app, root) {
     const { state } = app;
-    Object.assign(this, { app, state });
+    Object.assign(this, { app, state, root });
     this.input = element('input', {
       type: 'search', id: 'filter', placeholder: 'Filter channels', 'aria-label': 'Filter channels by text', autocomplete: 'off', spellcheck: 'false',
       oninput: () => state.set({ filter: this.input.value }),
@@ -67,6 +67,8 @@ export class ChannelList {
       if (many && this.items[this.items.length - 1]?.lane?.entry !== lane.entry) this.items.push({ entry: lane.entry });
       this.items.push({ lane });
     }
+    const wide = Math.round(widestOf(state.matching.map(({ name, unit }) => `${name} ${unit}`), '13px system-ui, sans-serif')) + 56;
+    this.root.style.setProperty('--side', `${Math.max(218, Math.min(300, wide))}px`);
     setText(this.count, `${state.lanes.length} of ${state.entries.reduce((sum, { lanes }) => sum + lanes.length, 0)}`);
     this.rows.empty = state.entries.length ? 'No channel matches the filter.' : '';
     this.rows.setCount(this.items.length);

@@ -45,7 +45,7 @@ export class Chart {
     this.plot = new uPlot({
       width: 300,
       height: 60,
-      padding: flat ? [2, RIGHT, 2, 0] : [5, RIGHT, 5, 0],
+      padding: flat ? [4, RIGHT, 4, 0] : [5, RIGHT, 5, 0],
       legend: { show: false },
       cursor: { show: false },
       select: { show: false },
@@ -86,7 +86,7 @@ export class Chart {
     const made = {
       scale: 'y',
       auto: false,
-      width: band === 'lf' && this.many ? 2 : LINE,
+      width: band === 'lf' && this.many ? 2 : this.group.paired && !lane.twin ? 3 * LINE : LINE, // the first version is seen below the other
       stroke: () => this.colorOf(layer) + (faded() ? '30' : ''),
       fill: () => this.colorOf(layer) + (faded() ? '10' : this.state.mode === 'overlaid' ? 'b0' : 'e0'),
       paths: (plot, i) => this.path(layer, plot.series[i]),

@@ -108,6 +108,9 @@ export function axisLabels(values, step) {
   return values.map((value) => value.toFixed(decimals).replace('-', '−'));
 }
 
+// A word of a command line.
+export const quoted = (text) => (/^[\w.,:/+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
+
 export function plural(count, noun) {
   return `${count} ${noun}${count === 1 ? '' : 's'}`;
 }

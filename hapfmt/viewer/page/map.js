@@ -71,7 +71,7 @@ export class MapChart {
     ctx.restore();
     const every = Math.ceil((NAME * devicePixelRatio) / high);
     Object.assign(ctx, { fillStyle: theme.colors.muted, font: `${11 * devicePixelRatio}px system-ui, sans-serif`, textAlign: 'right', textBaseline: 'middle' });
-    for (let i = 0; i < lanes.length; i += every) ctx.fillText(lanes[i].name, box.left - 6 * devicePixelRatio, box.top + (i + 0.5) * high, box.left - 8 * devicePixelRatio);
+    for (let i = 0; i < lanes.length; i += every) ctx.fillText(lanes[i].name, box.left - 6 * devicePixelRatio, Math.max(NAME / 2 * devicePixelRatio, box.top + (i + 0.5) * high), box.left - 8 * devicePixelRatio);
   }
 
   // A pixel for each channel and column; lanes of equal times share the places of their columns.

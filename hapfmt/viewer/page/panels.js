@@ -1,14 +1,13 @@
 // The charts below one another. Only those in sight exist.
-import { element, setText } from './dom.js';
+import { element, setText, widestOf } from './dom.js';
 import { Chart, colorIn, layout, RIGHT } from './chart.js';
 import { MapChart } from './map.js';
 import { DISTINCT, dashOfChannel } from './theme.js';
 
 const TITLE = 18; // px
-const LEAST = { stacked: 28, overlaid: 180, map: 120 };
+const LEAST = { stacked: 28, overlaid: 180, map: 120, paired: 44 };
 const FLAT = 72; // px of a row that is too low for a line of its own with the name
 const ENDS = 46; // px for the ends of a scale
-const NAME_FONT = '12px system-ui, sans-serif';
 const SCALE = 78; // px of the gutter where the name is above the chart
 
 // One group a panel. Stacked: each lane, or the versions of one channel, and then how they differ. Overlaid: the lanes of
@@ -47,9 +46,7 @@ export class Panels {
   build() {
     for (const key of [...this.open.keys()]) this.close(key);
     this.groups = groupsOf(this.state);
-    const context = document.createElement('canvas').getContext('2d');
-    context.font = NAME_FONT;
-    this.longest = this.state.lanes.reduce((most, { name, unit }) => Math.max(most, context.measureText(`${name}  ${unit}`).width), 0);
+    this.longest = widestOf(this.state.lanes.map(({ name, unit }) => `${name}  ${unit}`));
     this.arrange();
   }
 
@@ -59,9 +56,9 @@ export class Panels {
     const flat = state.mode === 'stacked' && rowHeight < FLAT;
     if (flat !== this.flat) for (const key of [...this.open.keys()]) this.close(key);
     this.flat = flat;
-    const wide = Math.max(SCALE, Math.min(this.longest + (flat ? ENDS : 0) + 14, 300, width * 0.4));
+    const wide = Math.max(SCALE, Math.min(this.longest + (flat ? ENDS : 0) + 14, 240, width * 0.4));
     layout.gutter = Math.round(flat || state.mode === 'map' ? wide : SCALE);
-    root.parentElement.style.setProperty('--gutter', `${layout.gutter}px`);
+    root.closest('#stage').style.setProperty('--gutter', `${layout.gutter}px`);
     root.classList.toggle('flat', flat);
   }
 
@@ -81,7 +78,7 @@ export class Panels {
   }
 
   get rowHeight() {
-    const least = LEAST[this.state.mode];
+    const least = LEAST[this.groups.some(({ paired }) => paired) ? 'paired' : this.state.mode];
     return Math.max(least, Math.floor(this.root.clientHeight / Math.max(1, this.groups.length)));
   }
 
@@ -119,6 +116,7 @@ export class Panels {
     const holder = element('div', { class: 'panel', role: 'group', 'aria-label': namesOf(group).join(', ') }, title);
     this.inner.append(holder);
     const panel = { group, element: holder, title, readings: new Map() };
+    if (group.paired && !group.difference) title.append(element('span', { class: 'name' }, element('bdi', {}, group.lanes[0].name), this.flat ? element('span', { class: 'unit' }, group.unit) : ''));
     if (this.state.mode !== 'map') for (const lane of group.lanes) title.append(this.nameOf(group, lane, panel));
     panel.note = element('span', { class: 'note' });
     panel.chart = this.state.mode === 'map' ? new MapChart(this.state, this.signals, group, holder)
@@ -128,21 +126,20 @@ export class Panels {
     return panel;
   }
 
-  // The versions of one channel have its name once, and then those of their files.
+  // Versions of one channel have the names of their files.
   nameOf({ difference, paired, unit }, lane, panel) {
     const overlaid = this.state.mode === 'overlaid';
     const swatch = overlaid || paired ? swatchOf(lane, colorIn(this.state, lane, 'sum')) : '';
     const reading = element('output', { class: 'reading', for: 'panels' });
     panel.readings.set(lane.key, reading);
-    const version = paired && (lane.twin || difference) ? lane.entry.name : lane.name;
-    const text = difference ? `${lane.entry.name} − ${lane.twin.entry.name}` : paired ? version : this.fileOf(lane) + lane.name;
+    const text = difference ? `${lane.entry.name} − ${lane.twin.entry.name}` : paired ? lane.entry.name : this.fileOf(lane) + lane.name;
     return element('span', {
-      class: difference ? 'name difference' : 'name',
+      class: paired ? 'name version' : 'name',
       title: laneTitle(lane),
       onmouseenter: () => overlaid && this.state.set({ focus: lane.key }),
       onmouseleave: () => overlaid && this.state.set({ focus: null }),
       onclick: () => this.state.set({ focus: lane.key }),
-    }, swatch, element('bdi', {}, text), this.flat ? element('span', { class: 'unit' }, unit) : '', reading);
+    }, swatch, element('bdi', {}, text), this.flat && !paired ? element('span', { class: 'unit' }, unit) : '', reading);
   }
 
   // Why something of a chart is not drawn, or not yet.

@@ -13,7 +13,7 @@ class Values {
     Object.assign(this, { app, state, cursors, readings });
     this.heads = COLUMNS.map((text) => element('span', { role: 'columnheader' }, text));
     this.rows = new Rows({
-      label: 'Values at the cursors', role: 'table', rowHeight: 22, empty: 'No channel is shown.',
+      label: 'Values at the cursors', role: 'table', rowHeight: innerWidth > 600 ? 22 : 40, empty: 'No channel is shown.',
       render: (i, row) => this.render(this.state.lanes[i], row),
       act: (i) => this.app.focusLane(this.state.lanes[i]),
     });
