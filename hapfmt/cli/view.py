@@ -25,7 +25,7 @@ from .screen import Verb, note, say, width_of
 if TYPE_CHECKING:
     from ..viewer.server import ServedFile
 
-LARGE = 100 << 20
+LARGE = 100_000_000
 """Bytes of a page that a browser opens slowly."""
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
 """Environment variables of which one is set where a browser has a place to open."""
@@ -149,7 +149,7 @@ def write(served: Sequence[ServedFile], page: str, force: bool) -> None:
     with progress("writing") as advance:
         size = export(served, output_of(page), force=force, progress=advance)
     if size > LARGE:
-        note(f"{size >> 20} MiB are slow to open in a browser; hapfmt view FILE reads in parts")
+        note(f"{size // 1_000_000} MB are slow to open in a browser; hapfmt view FILE reads in parts")
     tell_written(page, "a page with its data")
 
 

@@ -1,6 +1,6 @@
 // What a file says of itself, and where its channels begin and end.
 import { boundText } from './bounds.js';
-import { hasBands } from './signals.js';
+import { hasBands, isCounted } from './signals.js';
 import { secondsAt } from './ticks.js';
 
 const SEARCHED = 64; // clusters from each end that are searched at a time
@@ -46,9 +46,10 @@ function describeChannel(channel, extents) {
   };
 }
 
-// The distance of stored values that are next to each other, in the unit; null without packets.
-function stepOf({ parts, component }) {
-  if (!parts.length) return null;
+// The distance of stored values that are next to each other, in the unit; null of words and without packets.
+function stepOf(channel) {
+  const { parts, component } = channel;
+  if (!parts.length || !isCounted(channel, 'sum')) return null;
   const { A, D } = parts[0].base.calibrations[component];
   return Math.abs(A / D);
 }

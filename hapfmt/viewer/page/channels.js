@@ -1,8 +1,8 @@
 // The list of channels: which are shown, a filter by text.
-import { element, setText } from './dom.js';
+import { element, setText, widestOf } from './dom.js';
 import { Rows } from './rows.js';
-import { colorOfChannel, dashOfChannel } from './theme.js';
-import { laneTitle } from './panels.js';
+import { colorIn } from './chart.js';
+import { laneTitle, swatchOf } from './panels.js';
 
 // Each word of the filter is in the label, unit, group, device, quantity or file name.
 export function matches(lane, filter) {
@@ -17,6 +17,22 @@ export function chooseLanes(state) {
     lane.color = counts.get(lane.unit) ?? 0;
     counts.set(lane.unit, lane.color + 1);
   }
+  // All numbers of a unit have the decimals of its finest channel.
+  const steps = new Map();
+  for (const { unit, channel: { step } } of lanes) if (step) steps.set(unit, Math.min(step, steps.get(unit) ?? step));
+  for (const lane of lanes) lane.step = steps.get(lane.unit) ?? null;
+  // Versions of one recording: channels of one name, unit and rate in several files.
+  const firsts = new Map();
+  const numbers = new Map();
+  for (const lane of lanes) {
+    const key = `${lane.unit} ${lane.rate} ${lane.name}`;
+    const own = `${lane.entry.number} ${key}`;
+    const number = numbers.get(own) ?? 0;
+    numbers.set(own, number + 1);
+    const first = firsts.get(`${number} ${key}`);
+    lane.twin = first ?? null;
+    if (!first) firsts.set(`${number} ${key}`, lane);
+  }
   state.matching = lanes.filter((lane) => matches(lane, state.filter));
   state.lanes = state.matching.filter(({ shown }) => shown);
 }
@@ -24,7 +40,7 @@ export function chooseLanes(state) {
 export class ChannelList {
   constructor(app, root) {
     const { state } = app;
-    Object.assign(this, { app, state });
+    Object.assign(this, { app, state, root });
     this.input = element('input', {
       type: 'search', id: 'filter', placeholder: 'Filter channels', 'aria-label': 'Filter channels by text', autocomplete: 'off', spellcheck: 'false',
       oninput: () => state.set({ filter: this.input.value }),
@@ -51,6 +67,8 @@ export class ChannelList {
       if (many && this.items[this.items.length - 1]?.lane?.entry !== lane.entry) this.items.push({ entry: lane.entry });
       this.items.push({ lane });
     }
+    const wide = Math.round(widestOf(state.matching.map(({ name, unit }) => `${name} ${unit}`), '13px system-ui, sans-serif')) + 56;
+    this.root.style.setProperty('--side', `${Math.max(218, Math.min(300, wide))}px`);
     setText(this.count, `${state.lanes.length} of ${state.entries.reduce((sum, { lanes }) => sum + lanes.length, 0)}`);
     this.rows.empty = state.entries.length ? 'No channel matches the filter.' : '';
     this.rows.setCount(this.items.length);
@@ -67,9 +85,7 @@ export class ChannelList {
     row.title = laneTitle(lane);
     row.classList.toggle('focus', lane.key === state.focus);
     const box = element('span', { class: 'box', 'aria-hidden': 'true' });
-    const swatch = element('span', { class: dashOfChannel(lane.color).length ? 'swatch dashed' : 'swatch', 'aria-hidden': 'true' });
-    if (state.mode === 'overlaid') swatch.style.backgroundColor = colorOfChannel(lane.color);
-    else swatch.hidden = true;
+    const swatch = state.mode === 'overlaid' ? swatchOf(lane, colorIn(state, lane, 'sum')) : '';
     row.append(box, swatch, element('bdi', { class: 'label' }, lane.name), element('span', { class: 'unit' }, lane.unit));
   }
 

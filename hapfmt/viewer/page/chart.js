@@ -1,19 +1,21 @@
 // One chart of uPlot. Its scales are always 0 to 1: it draws axes, grid and the paths of lanes, and what a hostile
 // file says never reaches its own arithmetic.
 import { edgesOf } from '../data/knots.js';
-import { axisLabels, formatTime, decimalsOf, ticksBetween } from './format.js';
-import { BANDS, colorOfChannel, dashOfChannel, hatch, theme } from './theme.js';
+import { axisLabels, formatTime, formatValue, decimalsOf, ticksBetween } from './format.js';
+import { BANDS, colorOfChannel, dashOfChannel, hatch, theme, versionColor } from './theme.js';
 import { bandPath, dotsPath, linePath, mapping, rangeInSight, padded, spansPath, squaresPath } from './paint.js';
 import { inSight, lowerBound } from './signals.js';
 import { concerns, spanOf } from './marks.js';
 
-export const GUTTER = 78; // px, left of each chart: its unit and values
+export const layout = { gutter: 78 }; // px, left of each chart: its unit and values, or its name
 export const RIGHT = 12;
 
 const FONT = '11px system-ui, sans-serif';
+const SMALL = '9px system-ui, sans-serif';
 const EVENTS_DRAWN = 2000; // in one chart
 const KNOT_SPACE = 3; // px between knots, on average
 const LINE = 1.2; // px
+const FLAT_ROOM = 0.08 / 1.16; // of the scale, beyond the values on each side
 const POINT_SPACE = 5; // px between samples that are drawn as points
 
 const unitScale = { time: false, auto: false, range: () => [0, 1] };
@@ -29,7 +31,8 @@ export function timeLabels(state, width) {
   return values.map((value) => formatTime(value, decimals, largest));
 }
 
-// group: { unit, lanes }; a chart of several lanes has a colour for each, a chart of one a colour for each band.
+// group: { unit, lanes, flat }; a chart of several lanes has a colour for each, a chart of one a colour for each band.
+// A flat one has only the ends of its scale beside it.
 export class Chart {
   constructor(state, signals, group, parent) {
     Object.assign(this, { state, signals, group });
@@ -37,11 +40,12 @@ export class Chart {
     this.ranged = false;
     this.yLabels = [];
     const grid = { stroke: () => theme.colors.grid, width: 1 };
+    const { flat } = group;
     const series = this.layers().map((layer) => this.series(layer));
     this.plot = new uPlot({
       width: 300,
       height: 60,
-      padding: [5, RIGHT, 5, 0],
+      padding: flat ? [4, RIGHT, 4, 0] : [5, RIGHT, 5, 0],
       legend: { show: false },
       cursor: { show: false },
       select: { show: false },
@@ -50,8 +54,8 @@ export class Chart {
       axes: [
         { size: 0, ticks: { show: false }, grid, splits: () => this.xSplits(), values: (_, splits) => splits.map(() => null) },
         {
-          size: GUTTER - 20, labelSize: 20, labelGap: 2, font: FONT, labelFont: FONT, label: group.unit || ' ', gap: 4,
-          stroke: () => theme.colors.muted, ticks: { ...grid, size: 4 }, grid,
+          size: () => layout.gutter - (flat ? 0 : 20), ...(flat ? {} : { labelSize: 20, labelGap: 2, labelFont: FONT, label: group.unit || ' ' }),
+          font: flat ? SMALL : FONT, gap: 4, stroke: () => theme.colors.muted, ticks: { ...grid, size: flat ? 0 : 4 }, grid: { ...grid, show: !flat },
           splits: () => this.ySplits(), values: (_, splits) => this.yLabels.slice(0, splits.length),
         },
       ],
@@ -62,28 +66,29 @@ export class Chart {
   // Lanes and bands, one series each, in the order in which they are drawn.
   layers() {
     const { bands } = this.state;
+    if (this.group.difference) return this.group.lanes.map((lane) => ({ lane, band: 'difference' }));
     return this.group.lanes.flatMap((lane) => Object.keys(BANDS)
       .filter((band) => bands.includes(band) && lane.channel.bands.includes(band))
       .map((band) => ({ lane, band })));
   }
 
   get many() {
-    return this.state.mode === 'overlaid';
+    return this.state.mode === 'overlaid' || this.group.paired;
   }
 
   colorOf({ lane, band }) {
-    return this.many ? colorOfChannel(lane.color) : theme.colors[band];
+    return colorIn(this.state, lane, band);
   }
 
   series(layer) {
     const { lane, band } = layer;
-    const faded = () => this.state.focus && this.many && this.state.focus !== lane.key;
+    const faded = () => this.state.focus && this.state.mode === 'overlaid' && this.state.focus !== lane.key;
     const made = {
       scale: 'y',
       auto: false,
-      width: band === 'lf' && this.many ? 2 : LINE,
+      width: band === 'lf' && this.many ? 2 : this.group.paired && !lane.twin ? 3 * LINE : LINE, // the first version is seen below the other
       stroke: () => this.colorOf(layer) + (faded() ? '30' : ''),
-      fill: () => this.colorOf(layer) + (faded() ? '10' : this.many ? 'b0' : 'e0'),
+      fill: () => this.colorOf(layer) + (faded() ? '10' : this.state.mode === 'overlaid' ? 'b0' : 'e0'),
       paths: (plot, i) => this.path(layer, plot.series[i]),
       points: { show: () => this.drawPoints(layer, faded()) },
     };
@@ -129,12 +134,17 @@ export class Chart {
 
   xSplits() {
     const { t0, t1 } = this.state;
-    return timeTicks(this.state, this.plot.width - GUTTER).values.map((time) => (time - t0) / (t1 - t0));
+    return timeTicks(this.state, this.plot.width - layout.gutter).values.map((time) => (time - t0) / (t1 - t0));
   }
 
   ySplits() {
     if (!this.ranged) return []; // nothing has come yet
     const [low, high] = this.range;
+    if (this.group.flat) {
+      const room = (high - low) * FLAT_ROOM;
+      this.yLabels = [low + room, high - room].map((value) => formatValue(Number(value.toPrecision(3))));
+      return [FLAT_ROOM, 1 - FLAT_ROOM];
+    }
     const { step, values } = ticksBetween(low, high, Math.max(2, Math.floor(this.plot.height / (this.plot.height > 120 ? 32 : 17))));
     this.yLabels = axisLabels(values, step);
     return values.map((value) => (value - low) / (high - low));
@@ -143,7 +153,7 @@ export class Chart {
   path({ lane, band }, series) {
     const result = this.signals.get(lane, band);
     if (!result) return null;
-    series.dash = this.many && result.kind === 'samples' ? dashOfChannel(lane.color) : [];
+    series.dash = this.state.mode === 'overlaid' && result.kind === 'samples' ? dashOfChannel(lane.color) : [];
     const { offset } = lane.entry;
     const { time, min, max, kind } = result;
     const box = this.box();
@@ -211,7 +221,7 @@ export class Chart {
         ctx.fillStyle = hatch(ctx, theme.colors.gap, true);
         ctx.fill(spansPath(result.gaps, box, offset));
       }
-      const sum = state.deadband && state.bands.includes('sum') ? signals.get(lane, 'sum') : null; // its bound is that of the full band
+      const sum = state.deadband && !this.group.difference && state.bands.includes('sum') ? signals.get(lane, 'sum') : null; // its bound is that of the full band
       const edges = sum?.time.length ? edgesOfResult(lane.channel, sum) : null;
       if (edges) {
         ctx.fillStyle = this.many ? `${this.colorOf({ lane })}40` : theme.colors.deadband;
@@ -255,7 +265,7 @@ export class Chart {
     this.crowded = false; // knots too close to one another to be drawn
     ctx.save();
     this.clip(box);
-    if (state.knots) {
+    if (state.knots && !this.group.difference) {
       for (const lane of this.group.lanes) {
         const knots = signals.get(lane, 'knots');
         if (!knots?.value?.length) continue;
@@ -276,6 +286,12 @@ export class Chart {
     ctx.restore();
     ctx.setLineDash([]);
   }
+}
+
+// The bands of a chart have their colours; the channels of a chart, and the versions of a channel, have theirs.
+export function colorIn({ mode }, lane, band) {
+  if (mode === 'overlaid') return colorOfChannel(lane.color);
+  return lane.twin ? versionColor(theme.colors[band] ?? theme.colors.sum) : theme.colors[band];
 }
 
 // How far from what is drawn the deadband lets the source be; null without one for this channel alone.

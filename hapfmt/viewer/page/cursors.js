@@ -1,7 +1,7 @@
 // One line at the pointer, and two that stay, A and B, over all charts; the selection behind them.
 import { element, setText } from './dom.js';
-import { GUTTER } from './chart.js';
-import { formatTime, decimalsOf, formatValue, withUnit } from './format.js';
+import { layout } from './chart.js';
+import { formatTime, decimalsOf, formatStepped, withUnit } from './format.js';
 
 export class Cursors {
   constructor(app, root) {
@@ -26,18 +26,18 @@ export class Cursors {
 
   draw() {
     const { state, panels, selection } = this;
-    const right = GUTTER + panels.plotWidth;
+    const right = layout.gutter + panels.plotWidth;
     for (const [name, { line, tag }] of Object.entries(this.lines)) {
       const time = state[name];
       const x = time === null ? -1 : panels.xOf(time);
-      line.hidden = x < GUTTER - 0.5 || x > right + 0.5;
+      line.hidden = x < layout.gutter - 0.5 || x > right + 0.5;
       if (line.hidden) continue;
       line.style.transform = `translateX(${x}px)`;
       line.classList.toggle('flip', x > right - 110);
       setText(tag, `${name === 'hover' ? '' : `${name.toUpperCase()} `}${this.text(time)}`);
     }
     const { range } = selection;
-    const from = range ? Math.max(GUTTER, panels.xOf(range[0])) : 0;
+    const from = range ? Math.max(layout.gutter, panels.xOf(range[0])) : 0;
     const to = range ? Math.min(right, panels.xOf(range[1])) : 0;
     this.shade.hidden = to <= from;
     this.shade.style.transform = `translateX(${from}px)`;
@@ -48,10 +48,11 @@ export class Cursors {
   showReadings() {
     const { state, panels, readings } = this;
     const time = state.hover ?? state.a;
-    panels.showReadings((lane) => {
+    panels.showReadings((lane, difference) => {
       if (time === null) return '';
       const reading = readings.at(lane, time);
-      return reading && withUnit(formatValue(reading.value), lane.unit);
+      const first = difference ? readings.at(lane.twin, time) : { value: 0 };
+      return reading && first && withUnit(formatStepped(reading.value - first.value, lane.step), lane.unit);
     });
   }
 

@@ -1,8 +1,13 @@
 // The panel below, with tabs. A tab is { id, title, create(app) }; create returns { element, update(), title?() }.
+// `share`: how much of the height of the page it opens with.
 // update() runs while the tab is open, after each change of the page; title() may add a count.
 import { eachFrame, element, setText } from './dom.js';
 
 const LEAST = 90;
+const USUAL = 190; // px
+
+// The values are folded until there is a cursor that they are of.
+export const isOpen = ({ dock, a, b }) => dock ?? (a !== null || b !== null);
 
 export class Dock {
   constructor(app, root, tabs) {
@@ -14,7 +19,7 @@ export class Dock {
       onkeydown: (event) => this.resizeByKey(event),
     });
     this.body = element('div', { class: 'dock-body' });
-    this.hide = element('button', { type: 'button', class: 'hide', onclick: () => this.state.set({ dock: !this.state.dock }) });
+    this.hide = element('button', { type: 'button', class: 'hide', onclick: () => this.state.set({ dock: !isOpen(this.state) }) });
     root.append(this.grip, element('div', { class: 'dock-head' }, this.bar, this.hide), this.body);
     this.tabs = tabs.map((tab) => {
       const made = tab.create(app);
@@ -31,17 +36,19 @@ export class Dock {
 
   draw() {
     const { state, root } = this;
-    root.classList.toggle('closed', !state.dock);
-    root.style.setProperty('--dock', `${state.dockHeight}px`);
-    setText(this.hide, state.dock ? 'Hide' : 'Show');
-    this.hide.setAttribute('aria-expanded', String(state.dock));
-    const known = this.tabs.some(({ id }) => id === state.tab) ? state.tab : this.tabs[0].id;
+    const open = isOpen(state);
+    const known = this.tabs.find(({ id }) => id === state.tab) ?? this.tabs[0];
+    this.height = state.dockHeight ?? Math.max(USUAL, Math.round(innerHeight * (known.share ?? 0)));
+    root.classList.toggle('closed', !open);
+    root.style.setProperty('--dock', `${this.height}px`);
+    setText(this.hide, open ? 'Hide' : 'Show');
+    this.hide.setAttribute('aria-expanded', String(open));
     for (const { id, title, made, button, panel } of this.tabs) {
-      const chosen = id === known;
-      button.setAttribute('aria-selected', String(chosen && state.dock));
+      const chosen = id === known.id;
+      button.setAttribute('aria-selected', String(chosen && open));
       button.tabIndex = chosen ? 0 : -1;
       setText(button, made.title?.() ?? title);
-      panel.hidden = !chosen || !state.dock;
+      panel.hidden = !chosen || !open;
       if (!panel.hidden) made.update();
       if (chosen && this.chosen !== id) {
         this.chosen = id;
@@ -78,7 +85,7 @@ export class Dock {
   resizeByKey(event) {
     const step = { ArrowUp: 24, ArrowDown: -24 }[event.key];
     if (!step) return;
-    this.setHeight(this.state.dockHeight + step);
+    this.setHeight(this.height + step);
     event.preventDefault();
     event.stopPropagation();
   }

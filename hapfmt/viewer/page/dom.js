@@ -17,6 +17,14 @@ export function setText(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
 
+const ruler = document.createElement('canvas').getContext('2d');
+
+// Pixels of the widest of some texts.
+export function widestOf(texts, font = '12px system-ui, sans-serif') {
+  ruler.font = font;
+  return texts.reduce((most, text) => Math.max(most, ruler.measureText(text).width), 0);
+}
+
 // At most one run of `action` in each frame of the screen.
 export function eachFrame(action) {
   let asked = false;

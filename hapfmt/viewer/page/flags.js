@@ -1,7 +1,7 @@
 // Flags of events and damage above the charts. Those too close to one another share a flag.
 import { element } from './dom.js';
 import { plural } from './format.js';
-import { GUTTER } from './chart.js';
+import { layout } from './chart.js';
 import { goToMark, spanOf } from './marks.js';
 import { lowerBound } from './signals.js';
 import { hideTip, showTip } from './tip.js';

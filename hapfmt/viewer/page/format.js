@@ -30,9 +30,9 @@ export function withUnit(text, unit) {
 }
 
 export function formatBytes(size) {
-  if (size < 1024) return `${size} bytes`;
-  const power = Math.min(3, Math.floor(Math.log2(size) / 10));
-  return `${Number((size / 1024 ** power).toPrecision(3))} ${['', 'KiB', 'MiB', 'GiB'][power]}`;
+  if (size < 1000) return `${size} bytes`;
+  const power = Math.min(3, Math.floor(Math.log10(size) / 3));
+  return `${Number((size / 1000 ** power).toPrecision(3))} ${['', 'kB', 'MB', 'GB'][power]}`;
 }
 
 export function formatDuration(seconds) {
@@ -107,6 +107,9 @@ export function axisLabels(values, step) {
   const decimals = decimalsOf(step);
   return values.map((value) => value.toFixed(decimals).replace('-', '−'));
 }
+
+// A word of a command line.
+export const quoted = (text) => (/^[\w.,:/+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
 
 export function plural(count, noun) {
   return `${count} ${noun}${count === 1 ? '' : 's'}`;

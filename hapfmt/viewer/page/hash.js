@@ -1,8 +1,8 @@
 // What is shown, in the URL after #, so that a link or a reload shows it again.
 import { atMostEvery } from './dom.js';
 
-const CHOICES = { mode: ['stacked', 'overlaid'], fit: ['view', 'all'], theme: ['auto', 'light', 'dark'], align: ['epoch', 'start'] };
-const KEYS = ['t0', 't1', 'mode', 'bands', 'fit', 'theme', 'align', 'deadband', 'knots', 'a', 'b', 'tab', 'dock', 'dockHeight', 'side', 'filter', 'shown', 'entries', 'focus'];
+const CHOICES = { mode: ['stacked', 'overlaid', 'map'], fit: ['view', 'all'], theme: ['auto', 'light', 'dark'], align: ['epoch', 'start'] };
+const KEYS = ['t0', 't1', 'mode', 'pairs', 'bands', 'fit', 'theme', 'align', 'deadband', 'knots', 'a', 'b', 'tab', 'dock', 'dockHeight', 'side', 'filter', 'shown', 'entries', 'focus'];
 
 export function writeHash(app, defaults) {
   const { state, selection } = app;
@@ -19,7 +19,7 @@ function hashOf(state, selection, defaults) {
   const parts = new URLSearchParams();
   if (state.moved) parts.set('t', `${state.t0},${state.t1}`);
   for (const key of ['mode', 'fit', 'theme', 'align', 'tab', 'filter']) if (state[key] !== defaults[key]) parts.set(key, state[key]);
-  for (const key of ['deadband', 'knots', 'dock', 'side']) if (state[key] !== defaults[key]) parts.set(key, state[key] ? '1' : '0');
+  for (const key of ['deadband', 'knots', 'dock', 'side', 'pairs']) if (state[key] !== defaults[key]) parts.set(key, state[key] ? '1' : '0');
   if (state.bands.join() !== defaults.bands.join()) parts.set('band', state.bands.join());
   if (state.dockHeight !== defaults.dockHeight) parts.set('height', state.dockHeight);
   for (const key of ['a', 'b']) if (state[key] !== null) parts.set(key, state[key]);
@@ -50,7 +50,8 @@ export function readHash() {
   const parts = new URLSearchParams(location.hash.slice(1));
   const found = {};
   for (const [key, allowed] of Object.entries(CHOICES)) if (allowed.includes(parts.get(key))) found[key] = parts.get(key);
-  for (const key of ['deadband', 'knots', 'dock', 'side']) if (['0', '1'].includes(parts.get(key))) found[key] = parts.get(key) === '1';
+  for (const key of ['deadband', 'knots', 'dock', 'side', 'pairs']) if (['0', '1'].includes(parts.get(key))) found[key] = parts.get(key) === '1';
+  if (parts.has('tab')) found.dock ??= true;
   for (const key of ['tab', 'filter', 'focus']) if (parts.has(key)) found[key] = parts.get(key);
   const bands = (parts.get('band') ?? '').split(',').filter((band) => ['sum', 'lf', 'hf'].includes(band));
   if (bands.length) found.bands = [...new Set(bands)];

@@ -42,6 +42,8 @@ export class Head {
       side: toggle('Channels', 'List of channels (c)', () => this.app.toggle('side')),
       stacked: toggle('Stacked', 'One chart for each channel (m)', () => state.set({ mode: 'stacked' })),
       overlaid: toggle('Overlaid', 'One chart for each unit (m)', () => state.set({ mode: 'overlaid' })),
+      map: toggle('Map', 'The channels of a unit in colours (m)', () => state.set({ mode: 'map' })),
+      pairs: toggle('Compare', 'Channels with the same name in several files share a chart, and their difference has one (v)', () => this.app.toggle('pairs')),
       ...Object.fromEntries(Object.entries(BANDS).map(([band, text], i) => [band, toggle(text, `${text} (${i + 1})`, () => this.app.toggleBand(band))])),
       deadband: toggle('Error bound', 'How far the source may be from the line (d)', () => this.app.toggle('deadband')),
       knots: toggle('Knots', 'Support points of the slow part (k)', () => this.app.toggle('knots')),
@@ -55,7 +57,7 @@ export class Head {
     this.bands = group('Bands', b.sum, b.lf, b.hf);
     this.bounds = group('Error bound', b.deadband, b.knots);
     for (const band of Object.keys(BANDS)) b[band].prepend(element('span', { class: `dot ${band}`, 'aria-hidden': 'true' }));
-    tools.append(b.side, group('Charts', b.stacked, b.overlaid), this.bands, this.bounds, group('Scale', b.fit), group('Selection', b.select), b.align,
+    tools.append(b.side, group('Charts', b.stacked, b.overlaid, b.map), b.pairs, this.bands, this.bounds, group('Scale', b.fit), group('Selection', b.select), b.align,
       element('span', { class: 'space' }),
       group('Zoom', button('−', 'Zoom out (−)', () => this.app.zoomBy(1.6)), button('All', 'Show all (0)', () => this.app.showAll()), button('+', 'Zoom in (+)', () => this.app.zoomBy(1 / 1.6))),
       button('Open', 'Open more files (o)', () => this.app.chooseFiles()), b.theme,
@@ -65,7 +67,7 @@ export class Head {
   update() {
     const { state, buttons } = this;
     const pressed = {
-      side: state.side, stacked: state.mode === 'stacked', overlaid: state.mode === 'overlaid', deadband: state.deadband, knots: state.knots,
+      side: state.side, stacked: state.mode === 'stacked', overlaid: state.mode === 'overlaid', map: state.mode === 'map', pairs: state.pairs, deadband: state.deadband, knots: state.knots,
       fit: state.fit === 'view', select: state.selecting, align: state.align === 'epoch',
       ...Object.fromEntries(Object.keys(BANDS).map((band) => [band, state.bands.includes(band)])),
     };
@@ -78,6 +80,7 @@ export class Head {
     buttons.deadband.disabled = !lanes.some(({ channel }) => channel.deadband && !channel.deadband.vector);
     buttons.deadband.title = buttons.deadband.disabled ? 'The bound is on vectors of channels: no single channel has edges to draw' : 'How far the source may be from the line (d)';
     this.bounds.hidden = buttons.deadband.hidden && buttons.knots.hidden;
+    buttons.pairs.hidden = state.mode !== 'stacked' || !lanes.some(({ twin }) => twin);
     buttons.align.hidden = !canAlignByEpoch(state.entries);
     describeTheme(buttons.theme);
     this.facts.replaceChildren(...this.files());

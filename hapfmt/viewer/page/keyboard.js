@@ -36,7 +36,8 @@ const GROUPS = [
     [['['], 'Go to the damage before', (app) => goTo(app, 'damage', -1)],
   ]],
   ['Show', [
-    [['m'], 'Stack the channels, or overlay those of a unit', (app) => app.toggleMode()],
+    [['m'], 'Stack the channels, overlay those of a unit, or map them in colours', (app) => app.toggleMode()],
+    [['v'], 'Compare the channels of several files', (app) => app.toggle('pairs')],
     [['1'], 'Show the signal', (app) => app.toggleBand('sum')],
     [['2'], 'Show the LF band', (app) => app.toggleBand('lf')],
     [['3'], 'Show the HF band', (app) => app.toggleBand('hf')],

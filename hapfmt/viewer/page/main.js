@@ -1,10 +1,11 @@
 // The page: its state, its parts, and what happens when something changes.
 import { ChannelList, chooseLanes } from './channels.js';
 import { Cursors } from './cursors.js';
-import { Dock } from './dock.js';
+import { Dock, isOpen } from './dock.js';
 import { eachFrame, element, setText } from './dom.js';
 import { acceptDrops } from './drop.js';
 import { Flags, markText } from './flags.js';
+import { formatStepped, withUnit } from './format.js';
 import { applyChannels, readHash, readHashOfFiles, writeHash } from './hash.js';
 import { Head } from './head.js';
 import { Help, listenToKeys } from './keyboard.js';
@@ -34,14 +35,14 @@ import { moveInto, setView, showAll, widest, zoom } from './view.js';
 const TABS = [valuesTab, eventsTab, damageTab, filesTab, spectrumTab, spectrogramTab, statisticsTab, saveTab, playTab];
 
 const DEFAULTS = {
-  mode: 'stacked', bands: ['sum'], fit: 'view', theme: 'auto', align: 'epoch', deadband: false, knots: false,
-  dock: true, dockHeight: 190, side: true, tab: 'values', filter: '',
+  mode: 'stacked', pairs: true, bands: ['sum'], fit: 'view', theme: 'auto', align: 'epoch', deadband: false, knots: false,
+  dock: null, dockHeight: null, side: true, tab: 'values', filter: '',
 };
 
-const SMALL = 4 * 2 ** 20; // bytes of a file that is checked as soon as it is open
+const SMALL = 4e6; // bytes of a file that is checked as soon as it is open
 
 const at = (id) => document.getElementById(id);
-const fixed = { ...DEFAULTS, dock: innerHeight >= 700, side: innerWidth >= 700 };
+const fixed = { ...DEFAULTS, dock: innerHeight >= 700 ? null : false, side: innerWidth >= 700 };
 
 const state = new Store({
   entries: [], failures: [], wholeDamage: [], pending: 0, progress: '', lanes: [], matching: [], start: 0, stop: 1, t0: 0, t1: 1, moved: false,
@@ -53,7 +54,10 @@ const app = { state, selection: new Selection(), ready: false };
 app.app = app;
 app.signals = new Signals(state, { wanted: () => app.panels.visibleLanes, width: () => app.panels.plotWidth, onData: () => drawSoon() });
 app.panels = new Panels(state, app.signals, at('panels'));
-app.readings = new Readings(state, app.signals, () => drawSoon());
+app.readings = new Readings(state, app.signals, () => {
+  drawSoon();
+  onHover(pointed); // its values may have come
+});
 app.cursors = new Cursors(app, at('lines'));
 app.axis = new TimeAxis(state, app.panels, at('times'));
 app.strip = new Strip(app, at('strip'));
@@ -61,8 +65,8 @@ app.flags = new Flags(app, at('flags'));
 app.help = new Help();
 
 const actions = {
-  toggle: (key) => state.set({ [key]: !state[key] }),
-  toggleMode: () => state.set({ mode: state.mode === 'stacked' ? 'overlaid' : 'stacked' }),
+  toggle: (key) => state.set({ [key]: key === 'dock' ? !isOpen(state) : !state[key] }),
+  toggleMode: () => state.set({ mode: { stacked: 'overlaid', overlaid: 'map', map: 'stacked' }[state.mode] }),
   toggleFit: () => state.set({ fit: state.fit === 'view' ? 'all' : 'view' }),
   toggleTheme: () => state.set({ theme: nextTheme(state.theme) }),
   toggleAlign: () => canAlignByEpoch(state.entries) && state.set({ align: state.align === 'epoch' ? 'start' : 'epoch' }),
@@ -174,13 +178,23 @@ const hoverSoon = eachFrame(() => {
 });
 
 // Damage under the pointer tells its finding.
+let pointed = null; // the last event of the pointer over the charts
+
 function onHover(event) {
+  pointed = event;
   if (!event || state.hover === null) {
     hideTip();
     return;
   }
   const { top } = at('panels').getBoundingClientRect();
   const group = app.panels.groups[Math.floor((event.clientY - top + at('panels').scrollTop) / app.panels.rowHeight)];
+  const chart = app.panels.open.get(group?.key)?.chart;
+  const lane = chart?.laneAt?.(event.clientY - chart.canvas.getBoundingClientRect().top);
+  if (lane) {
+    const reading = app.readings.at(lane, state.hover);
+    showTip(`${lane.name}: ${reading ? withUnit(formatStepped(reading.value, lane.step), lane.unit) : '…'}`, event.clientX, event.clientY);
+    return;
+  }
   const near = (2 * (state.t1 - state.t0)) / app.panels.plotWidth;
   const found = group && state.marks.damage.list.find((mark) => spanOf(mark)[0] - near <= state.hover && spanOf(mark)[1] + near >= state.hover
     && group.lanes.some((lane) => concerns(mark, lane)));
@@ -234,6 +248,7 @@ state.on(['start', 'stop'], () => {
 });
 state.on(['align'], () => {
   state.set(timeLine(state.entries, state.align));
+  app.signals.forget(); // what differs between files is another
   collectMarks(state);
   drawSoon();
 });
@@ -241,8 +256,8 @@ state.on(['entries', 'marks', 'start', 'stop'], () => {
   collectMarks(state);
   drawSoon();
 });
-state.on(['entries', 'facts', 'mode', 'bands', 'deadband', 'knots', 'fit', 'selecting', 'align', 'theme', 'side', 'marks'], () => app.head.update());
-state.on(['mode', 'bands'], rebuild);
+state.on(['entries', 'facts', 'mode', 'pairs', 'bands', 'deadband', 'knots', 'fit', 'selecting', 'align', 'theme', 'side', 'marks'], () => app.head.update());
+state.on(['mode', 'pairs', 'bands'], rebuild);
 state.on(['mode', 'focus'], () => app.channels.update());
 state.on(['deadband', 'knots', 'fit', 'focus', 'signals', 'a', 'b', 'tab', 'dock', 'dockHeight', 'facts'], drawSoon);
 state.on(['hover'], hoverSoon);

@@ -1,6 +1,14 @@
 // Events and damage on the time line: { time0, time1, entry, title, text, kind, channels } sorted by time.
 import { showSpan } from './view.js';
 
+// Codes of damage for people, as hapfmt/reading/damage.py has them.
+export const WORDS = {
+  'bad-signature': 'wrong first bytes', garbage: 'foreign bytes', 'other-file': 'parts of another file', 'duplicate-chunk': 'a chunk twice',
+  'missing-chunk': 'missing chunks', 'out-of-order': 'chunks in the wrong order', truncated: 'a chunk cut short', 'bad-payload': 'wrong checksum',
+  'bad-table': 'a damaged table of packets', 'bad-packet': 'damaged packets', overlap: 'packets that overlap', 'bad-chunk': 'a chunk that breaks a rule',
+  'missing-head': 'no header chunk', 'lost-base': 'an HF track without its LF track', 'bad-digest': 'wrong SHA-256 checksum',
+};
+
 export async function listEvents(state, entry) {
   const { recording } = entry;
   try {
@@ -39,7 +47,7 @@ function damageMark(entry, { time0, time1, channels, code, requirement, message,
     whole,
     time0: whole ? entry.recording.start : time0,
     time1: whole ? entry.recording.stop : time1 ?? time0,
-    title: code || 'damage',
+    title: WORDS[code] ?? code ?? 'damage',
     text: [message, requirement, place].filter(Boolean).join(' · '),
     channels: channels ?? null,
   };

@@ -1,5 +1,5 @@
 // What is in sight as one picture: names, charts with their axes, flags, cursors, the axis of time.
-import { GUTTER } from './chart.js';
+import { layout } from './chart.js';
 import { factsOf } from './head.js';
 import { theme } from './theme.js';
 
@@ -70,7 +70,7 @@ export function pictureOf(app) {
   put(axis.plot.ctx.canvas, EDGE, top + area.height);
   axis.unit.textContent.split('\n').forEach((text, i) => write(text, EDGE + 8, top + area.height + 7 + i * 15, muted, '11px system-ui, sans-serif'));
   context.fillStyle = grid;
-  context.fillRect(EDGE + GUTTER, top + area.height, panels.plotWidth, 1);
+  context.fillRect(EDGE + layout.gutter, top + area.height, panels.plotWidth, 1);
   return canvas;
 }
 

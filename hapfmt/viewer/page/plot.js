@@ -35,7 +35,7 @@ export function axisTicks({ low, high, log }, most) {
       if (value >= low && value <= high) more.push({ at: (Math.log10(value) - first) / (last - first), text: String(Number(value.toPrecision(3))) });
     }
   }
-  return more;
+  return more.length > most ? more.filter(({ text }) => /^[0.]*1/.test(text) || more.length < 4) : more;
 }
 
 export const shareOf = ({ low, high, log }, value) => (log

@@ -1,6 +1,6 @@
 // Mouse, pen and fingers on the charts.
 import { pan, setView, showAll, zoom } from './view.js';
-import { GUTTER } from './chart.js';
+import { layout } from './chart.js';
 
 const WHEEL = 0.0016; // zoom for a unit of the wheel
 const CLICK = 4; // px that a click may move
@@ -21,7 +21,7 @@ export class Pointer {
 
   inPlot(event) {
     const { left } = this.root.getBoundingClientRect();
-    return event.clientX - left >= GUTTER && event.clientX - left <= GUTTER + this.panels.plotWidth;
+    return event.clientX - left >= layout.gutter && event.clientX - left <= layout.gutter + this.panels.plotWidth;
   }
 
   // Over the charts it zooms; over their values, left, it scrolls.

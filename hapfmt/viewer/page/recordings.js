@@ -26,6 +26,8 @@ export function lanesOf(entry) {
       rate: num / (den || 1) || channel.rate,
       text: [label || `channel ${channel.index}`, unit, group, device, quantity, axis, entry.name].filter(Boolean).join(' ').toLowerCase(),
       color: 0,
+      twin: null,
+      step: channel.step,
       shown: true,
     };
   });

@@ -2,7 +2,8 @@
 // A batch on its way is dropped only when the view has left it.
 
 const MARGIN = 0.5; // of the view, on each side
-const KNOT_SAMPLES = 400000; // no knots are asked for more
+const SINGLE = 400000; // no knots and no differences are asked for more samples
+const BINS = 2 ** 21; // of all lanes
 
 export class Signals {
   // wanted() -> lanes in sight; onData() after each answer.
@@ -41,10 +42,12 @@ export class Signals {
   refresh() {
     const bands = [...this.state.bands];
     if (this.state.knots) bands.push('knots');
+    if (this.state.pairs && this.state.mode === 'stacked') bands.push('difference');
+    const lacks = { knots: ({ channel }) => !channel.hasKnots, difference: ({ twin }) => !twin };
     const groups = new Map();
     for (const lane of this.wanted()) {
       for (const band of bands) {
-        if (band === 'knots' ? !lane.channel.hasKnots : !lane.channel.bands.includes(band)) continue;
+        if (lacks[band]?.(lane) ?? !lane.channel.bands.includes(band)) continue;
         const key = `${lane.entry.number} ${band}`;
         if (!groups.has(key)) groups.set(key, { entry: lane.entry, band, lanes: [] });
         groups.get(key).lanes.push(lane);
@@ -69,7 +72,8 @@ export class Signals {
     const b = Math.min(recording.stop, this.state.t1 - offset);
     if (!(a < b)) return;
     const span = this.state.t1 - this.state.t0;
-    const bin = 2 ** Math.round(Math.log2(span / this.width())); // about a pixel
+    let bin = 2 ** Math.round(Math.log2(span / this.width())); // about a pixel
+    while ((2 * span * lanes.length) / bin > BINS) bin *= 2;
     const enough = (one) => one && one.t0 <= a && one.t1 >= b && one.bin <= bin * 1.01 && one.version === (entry.version ?? 0);
     const lacking = lanes.filter((lane) => !enough(this.kept.get(`${lane.key} ${band}`)));
     if (!lacking.length) return;
@@ -93,8 +97,8 @@ export class Signals {
       const { signal } = batch.controller;
       const indexes = lanes.map(({ index }) => index);
       const bins = Math.max(1, Math.round((t1 - t0) / bin));
-      const results = band === 'knots'
-        ? await this.knots(entry, lanes, t0, t1, signal)
+      const results = band === 'knots' ? await this.knots(entry, lanes, t0, t1, signal)
+        : band === 'difference' ? await this.differences(lanes, t0, t1, bin, signal)
         : await entry.recording.envelope(indexes, t0, t1, bins, band, { signal });
       if (!signal.aborted) for (const lane of lanes) this.keep(lane, batch, results[lane.index]);
     } catch (error) {
@@ -109,8 +113,22 @@ export class Signals {
   async knots(entry, lanes, t0, t1, signal) {
     const results = {};
     for (const { index, rate } of lanes) {
-      if ((t1 - t0) * rate > KNOT_SAMPLES) continue;
+      if ((t1 - t0) * rate > SINGLE) continue;
       results[index] = await entry.recording.knots(index, t0, t1, { signal });
+    }
+    return results;
+  }
+
+  // What each lane has more than the first version of it.
+  async differences(lanes, t0, t1, bin, signal) {
+    const results = {};
+    for (const { index, rate, entry, twin } of lanes) {
+      if ((t1 - t0) * rate > SINGLE) continue;
+      const shift = entry.offset - twin.entry.offset;
+      const [own, first] = await Promise.all([
+        entry.recording.samples(index, t0, t1, 'sum', { signal }), twin.entry.recording.samples(twin.index, t0 + shift, t1 + shift, 'sum', { signal }),
+      ]);
+      results[index] = differenceOf(own, first, rate, shift, bin);
     }
     return results;
   }
@@ -123,6 +141,23 @@ export class Signals {
     if (!batch.forStrip) this.kept.set(key, one);
     if (batch.t0 <= recording.start && batch.t1 >= recording.stop) this.whole.set(key, one);
   }
+}
+
+// own, first: { time, value } of one rate. -> envelope of own − first, in bins of `bin` seconds.
+export function differenceOf(own, first, rate, shift, bin) {
+  const { time } = own;
+  const later = first.time.length ? Math.round(time[0] * rate) - Math.round((first.time[0] - shift) * rate) : 0;
+  const value = Float64Array.from(own.value, (one, i) => one - (first.value[i + later] ?? NaN));
+  const step = Math.max(1, Math.floor(bin * rate));
+  if (step === 1) return { kind: 'samples', time, min: value, max: value, gaps: [], complete: true };
+  const count = Math.ceil(value.length / step);
+  const [min, max] = [new Float64Array(count).fill(NaN), new Float64Array(count).fill(NaN)];
+  value.forEach((one, i) => {
+    const k = Math.floor(i / step);
+    if (!(min[k] <= one) && one === one) min[k] = one;
+    if (!(max[k] >= one) && one === one) max[k] = one;
+  });
+  return { kind: 'envelope', time: Float64Array.from(min, (_, k) => time[k * step] + (step - 1) / 2 / rate), min, max, gaps: [], complete: true };
 }
 
 // First index of a sorted array whose value is not below x.

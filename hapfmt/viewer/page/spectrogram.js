@@ -52,3 +52,6 @@ export function colorAt(share) {
   const low = Math.min(COLORS.length - 2, Math.floor(place));
   return COLORS[low].map((value, i) => Math.round(value + (place - low) * (COLORS[low + 1][i] - value)));
 }
+
+// The same colours as pixels of an image.
+export const PIXELS = new Uint32Array(Uint8Array.from({ length: 1024 }, (_, i) => (i % 4 === 3 ? 255 : colorAt((i >> 2) / 255)[i % 4])).buffer);

@@ -1,6 +1,6 @@
 // The whole time line in one strip: the channel in focus, marks, and the part in sight, which can be dragged.
 import { element, setText } from './dom.js';
-import { GUTTER, RIGHT } from './chart.js';
+import { layout, RIGHT } from './chart.js';
 import { bandPath, linePath, padded, rangeInSight, spansPath } from './paint.js';
 import { formatTime } from './format.js';
 import { spanOf } from './marks.js';
@@ -22,12 +22,12 @@ export class Strip {
   }
 
   get width() {
-    return Math.max(1, this.root.clientWidth - GUTTER - RIGHT);
+    return Math.max(1, this.root.clientWidth - layout.gutter - RIGHT);
   }
 
   xOf(time) {
     const [start, stop] = widest(this.state);
-    return GUTTER + ((time - start) / (stop - start)) * this.width;
+    return layout.gutter + ((time - start) / (stop - start)) * this.width;
   }
 
   lane() {
@@ -48,7 +48,7 @@ export class Strip {
     this.name.title = lane ? `The whole time line of ${lane.entry.name}: ${lane.name}` : '';
     if (!state.entries.length) return;
     const [start, stop] = widest(state);
-    const box = { left: GUTTER * ratio, top: 3 * ratio, width: this.width * ratio, height: height - 6 * ratio, t0: start, t1: stop };
+    const box = { left: layout.gutter * ratio, top: 3 * ratio, width: this.width * ratio, height: height - 6 * ratio, t0: start, t1: stop };
     const result = lane && signals.getWhole(lane, 'sum');
     const range = result && rangeInSight(result, -Infinity, Infinity);
     if (range) {
@@ -63,7 +63,7 @@ export class Strip {
       else ctx.fill(bandPath(result.time, result.min, result.max, part, offset, ratio));
     }
     this.drawMarks(ctx, ratio);
-    const [from, to] = [this.xOf(state.t0), this.xOf(state.t1)].map((x) => Math.max(GUTTER, Math.min(GUTTER + this.width, x)));
+    const [from, to] = [this.xOf(state.t0), this.xOf(state.t1)].map((x) => Math.max(layout.gutter, Math.min(layout.gutter + this.width, x)));
     this.window.style.transform = `translateX(${from}px)`;
     this.window.style.width = `${Math.max(4, to - from)}px`;
     this.window.setAttribute('aria-valuenow', Math.round((100 * (state.t0 - start)) / (stop - start)));
@@ -93,7 +93,7 @@ export class Strip {
     const [low, high] = widest(state);
     const perPixel = (high - low) / this.width;
     const span = state.t1 - state.t0;
-    const at = low + (event.clientX - root.getBoundingClientRect().left - GUTTER) * perPixel;
+    const at = low + (event.clientX - root.getBoundingClientRect().left - layout.gutter) * perPixel;
     if (at < state.t0 || at > state.t1) setView(state, at - span / 2, at + span / 2);
     const grabbed = { x: event.clientX, t0: state.t0 };
     root.setPointerCapture(event.pointerId);

@@ -2,7 +2,7 @@
 import { laneInFocus, spanFor, spanText } from './chosen.js';
 import { byRate, tableOf } from './csv.js';
 import { element, setText } from './dom.js';
-import { formatBytes, formatRate, plural } from './format.js';
+import { formatBytes, formatRate, plural, quoted } from './format.js';
 import { pictureOf } from './picture.js';
 import { BANDS } from './theme.js';
 
@@ -17,9 +17,6 @@ export function download(blob, name) {
 }
 
 const edge = (seconds) => Number(seconds.toFixed(6));
-
-// A word of a command line.
-const quoted = (text) => (/^[\w.,:/+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
 
 class Save {
   constructor(app) {

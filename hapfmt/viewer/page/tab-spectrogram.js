@@ -3,7 +3,7 @@ import { eachPart, laneInFocus, namedLane, spanFor, spanText } from './chosen.js
 import { element, setText } from './dom.js';
 import { formatTime, formatValue } from './format.js';
 import { Plot, valueAt } from './plot.js';
-import { colorAt, Spectrogram } from './spectrogram.js';
+import { PIXELS, Spectrogram, colorAt } from './spectrogram.js';
 import { lengthChoice, tooShort } from './tab-spectrum.js';
 import { theme } from './theme.js';
 import { SHORTEST, lengthFor } from './welch.js';
@@ -12,9 +12,8 @@ import { Work } from './work.js';
 const RANGES = [40, 60, 80, 100];
 const SCALE = 64; // px of the legend of colours
 const CELLS = 2 ** 24;
-const PIXELS = new Uint32Array(Uint8Array.from({ length: 1024 }, (_, i) => (i % 4 === 3 ? 255 : colorAt((i >> 2) / 255)[i % 4])).buffer);
 
-export const spectrogramTab = { id: 'spectrogram', title: 'Spectrogram', create: (app) => new SpectrogramTab(app) };
+export const spectrogramTab = { id: 'spectrogram', title: 'Spectrogram', share: 0.4, create: (app) => new SpectrogramTab(app) };
 
 // A choice of the channel in focus.
 export function laneChoice(app) {

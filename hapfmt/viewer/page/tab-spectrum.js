@@ -11,7 +11,7 @@ const MOST = 8; // channels, as many as colours tell apart
 const FIRST_PEAK = 2; // bin 1 holds what is left of the mean and of slow drift
 const DECADES = 8; // below the peak of a line
 
-export const spectrumTab = { id: 'spectrum', title: 'Spectrum', create: (app) => new Spectrum(app) };
+export const spectrumTab = { id: 'spectrum', title: 'Spectrum', share: 0.4, create: (app) => new Spectrum(app) };
 
 // A choice of the length of a segment; 0: by the number of samples.
 export function lengthChoice(onChange) {
@@ -34,13 +34,15 @@ class Spectrum {
     this.found = new Map(); // lane key -> { lane, result or message }
     this.choice = lengthChoice(() => this.update());
     this.said = element('span', { class: 'said', role: 'status' });
-    this.plot = new Plot({ label: 'Spectrum: amplitude density by frequency. The arrow keys move the mark.', onMove: () => this.draw() });
+    this.plots = new Map(); // unit -> Plot
+    this.share = null; // of the width of every plot, where the mark is
+    this.holder = element('div', { class: 'plots' });
     this.legend = element('div', { class: 'legend', tabindex: '0', role: 'region', 'aria-label': 'Channels of the spectrum' });
     this.element = element('div', { class: 'spectrum' },
       element('div', { class: 'bar' }, this.choice, this.said),
-      element('div', { class: 'beside' }, this.plot.element, this.legend));
+      element('div', { class: 'beside' }, this.holder, this.legend));
     this.work = new Work((signal, lanes) => this.compute(signal, lanes), (error) => error && setText(this.said, error.message));
-    new ResizeObserver(() => this.draw()).observe(this.plot.element);
+    new ResizeObserver(() => this.draw()).observe(this.holder);
   }
 
   update() {
@@ -90,36 +92,56 @@ class Spectrum {
     return { ...result, amplitude, peak };
   }
 
-  axes() {
-    const lines = [...this.found.values()].filter(({ amplitude }) => amplitude);
+  // One axis of frequency for all lines; null without any.
+  frequencies(lines) {
     if (!lines.length) return null;
     const low = Math.min(...lines.map(({ frequency }) => frequency[1]));
-    const high = Math.max(...lines.map(({ frequency }) => frequency[frequency.length - 1]));
-    // The lowest of each line counts, so that a line of another unit hides none.
+    return { low, high: Math.max(...lines.map(({ frequency }) => frequency[frequency.length - 1])), log: true, label: 'Hz' };
+  }
+
+  // The axis of the lines of a unit.
+  densities(lines, unit) {
     let [least, most] = [Infinity, 0];
     for (const { amplitude, peak } of lines) {
       const floor = amplitude[peak] / 10 ** DECADES;
-      most = Math.max(most, amplitude[peak]);
-      for (let k = 1; k < amplitude.length; k++) if (amplitude[k] > 0) least = Math.min(least, Math.max(floor, amplitude[k]));
+      for (let k = 1; k < amplitude.length; k++) {
+        most = Math.max(most, amplitude[k]);
+        if (amplitude[k] > 0) least = Math.min(least, Math.max(floor, amplitude[k]));
+      }
     }
     if (!(most > 0)) [least, most] = [0.1, 1];
-    const units = [...new Set(lines.map(({ lane }) => lane.unit))];
-    return {
-      x: { low, high, log: true, label: 'Hz' },
-      y: { low: least / 1.5, high: most * 1.5, log: true, label: units.length === 1 ? `${units[0] || '1'}/√Hz` : 'unit/√Hz' },
-    };
+    return { low: least / 1.5, high: most * 1.5, log: true, label: `${unit || '1'}/√Hz` };
   }
 
   draw() {
-    const axes = this.axes();
-    if (axes && this.plot.element.clientHeight) this.plot.draw(axes, (context, box, toX, toY) => this.paint(context, toX, toY));
-    this.plot.canvas.hidden = !axes;
-    this.showLegend(axes);
+    const lines = [...this.found.values()].filter(({ amplitude }) => amplitude);
+    const x = this.frequencies(lines);
+    const units = [...new Set(lines.map(({ lane }) => lane.unit))];
+    for (const unit of units) if (!this.plots.has(unit)) this.plots.set(unit, this.plotOf(unit));
+    for (const [unit, plot] of this.plots) {
+      plot.element.hidden = !units.includes(unit);
+      if (plot.element.hidden || !plot.element.clientHeight) continue;
+      const own = lines.filter(({ lane }) => lane.unit === unit);
+      plot.share = this.share;
+      plot.draw({ x, y: this.densities(own, unit) }, (context, box, toX, toY) => this.paint(own, context, toX, toY));
+    }
+    this.showLegend(x);
   }
 
-  paint(context, toX, toY) {
-    for (const { lane, color, frequency, amplitude } of this.found.values()) {
-      if (!amplitude) continue;
+  plotOf(unit) {
+    const plot = new Plot({
+      label: `Spectrum: amplitude density in ${unit || '1'}/√Hz by frequency. The arrow keys move the mark.`,
+      onMove: (share) => {
+        this.share = share;
+        this.draw();
+      },
+    });
+    this.holder.append(plot.element);
+    return plot;
+  }
+
+  paint(lines, context, toX, toY) {
+    for (const { lane, color, frequency, amplitude } of lines) {
       context.strokeStyle = colorOfChannel(color);
       context.lineWidth = lane.key === this.state.focus ? 2.4 : 1.3;
       context.setLineDash(dashOfChannel(color));
@@ -134,8 +156,8 @@ class Spectrum {
     context.setLineDash([]);
   }
 
-  showLegend(axes) {
-    const mark = axes && this.plot.share !== null ? valueAt(axes.x, this.plot.share) : null;
+  showLegend(x) {
+    const mark = x && this.share !== null ? valueAt(x, this.share) : null;
     this.legend.replaceChildren(...[...this.found.values()].map(({ lane, color, message, frequency, amplitude, peak }) => {
       let text = message;
       if (amplitude) {

@@ -7,7 +7,6 @@ import { Summary } from './summary.js';
 import { Work } from './work.js';
 
 const COLUMNS = ['Channel', 'Unit', 'Count', 'Missing', 'Lowest', 'Highest', 'Mean', 'SD', 'RMS', 'Peak to peak'];
-const EXACT = new Set(['min', 'max', 'peakToPeak']); // multiples of the step; the others have a digit more
 const FACTS = ['count', 'missing', 'min', 'max', 'mean', 'sd', 'rms', 'peakToPeak'];
 
 export const statisticsTab = { id: 'statistics', title: 'Statistics', create: (app) => new Statistics(app) };
@@ -90,7 +89,7 @@ class Statistics {
       row.append(...FACTS.map((name) => {
         if (!result) return element('span', { role: 'cell' }, '…');
         const value = result[name];
-        const text = name === 'count' || name === 'missing' ? String(value) : formatStepped(value, lane.channel.step * (EXACT.has(name) ? 1 : 0.1));
+        const text = name === 'count' || name === 'missing' ? String(value) : formatStepped(value, lane.step);
         const unit = name === 'count' || name === 'missing' ? '' : ` ${lane.unit}`;
         return element('span', { role: 'cell', dataset: { fact: name, value: String(value) }, class: share < 1 ? 'said' : null, title: `${value}${unit}` }, text);
       }));

@@ -13,7 +13,7 @@ class Values {
     Object.assign(this, { app, state, cursors, readings });
     this.heads = COLUMNS.map((text) => element('span', { role: 'columnheader' }, text));
     this.rows = new Rows({
-      label: 'Values at the cursors', role: 'table', rowHeight: 22, empty: 'No channel is shown.',
+      label: 'Values at the cursors', role: 'table', rowHeight: innerWidth > 600 ? 22 : 40, empty: 'No channel is shown.',
       render: (i, row) => this.render(this.state.lanes[i], row),
       act: (i) => this.app.focusLane(this.state.lanes[i]),
     });
@@ -37,7 +37,7 @@ class Values {
       if (!reading) return element('span', { role: 'cell' }, '…');
       return element('span', {
         role: 'cell', dataset: { value: String(reading.value), sample: reading.number }, title: reading.message ?? `sample ${reading.number}: ${reading.value}`,
-      }, formatStepped(reading.value, lane.channel.step));
+      }, formatStepped(reading.value, lane.step));
     };
     const [, a, b] = found;
     const difference = a && b ? b.value - a.value : null;
@@ -47,7 +47,7 @@ class Values {
       element('span', { role: 'rowheader' }, element('bdi', {}, (state.entries.length > 1 ? `${lane.entry.name}: ` : '') + lane.name)),
       element('span', { role: 'cell' }, lane.unit),
       ...found.map(cell),
-      element('span', { role: 'cell', ...(difference === null ? {} : { dataset: { value: String(difference) } }) }, difference === null ? '' : formatStepped(difference, lane.channel.step)),
+      element('span', { role: 'cell', ...(difference === null ? {} : { dataset: { value: String(difference) } }) }, difference === null ? '' : formatStepped(difference, lane.step)),
     );
   }
 }

@@ -33,6 +33,13 @@ export function colorOfChannel(number) {
   return list[number % list.length];
 }
 
+// Of another version of what has a colour: half of it, and half of the ink.
+export function versionColor(color) {
+  const parts = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16));
+  const ink = parts(theme.colors.ink);
+  return `#${parts(color).map((part, i) => Math.round((part + ink[i]) / 2).toString(16).padStart(2, '0')).join('')}`;
+}
+
 export function dashOfChannel(number) {
   return DASHES[Math.floor(number / CHANNELS.light.length) % DASHES.length];
 }

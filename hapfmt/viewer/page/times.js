@@ -1,10 +1,11 @@
 // The one axis of time below the charts: seconds, and numbers of samples where single ones are seen.
 import { element } from './dom.js';
-import { GUTTER, RIGHT, timeTicks } from './chart.js';
+import { layout, RIGHT, timeTicks } from './chart.js';
 import { formatTime, ticksBetween } from './format.js';
 import { theme } from './theme.js';
 
 const FONT = '11px system-ui, sans-serif';
+const HEIGHT = 34; // px
 const UNIT = 66; // px that the unit takes
 const SAMPLE_SPACE = 5; // px between samples whose numbers are shown
 
@@ -17,15 +18,15 @@ export class TimeAxis {
     const fraction = (time) => (time - state.t0) / (state.t1 - state.t0);
     this.plot = new uPlot({
       width: 300,
-      height: 40,
-      padding: [0, RIGHT, 0, GUTTER],
+      height: HEIGHT,
+      padding: [0, RIGHT, 0, () => layout.gutter],
       legend: { show: false },
       cursor: { show: false },
       select: { show: false },
       scales: { x: { time: false, auto: false, range: () => [0, 1] } },
       series: [{}],
       axes: [{
-        size: 38, font: FONT, gap: 3, lineGap: 1.4, stroke: () => theme.colors.muted, ticks: { ...line, size: 4 }, border: { show: true, ...line }, grid: { show: false },
+        size: HEIGHT - 2, font: FONT, gap: 3, lineGap: 1.2, stroke: () => theme.colors.muted, ticks: { ...line, size: 4 }, border: { show: true, ...line }, grid: { show: false },
         splits: () => this.ticks().map(({ time }) => fraction(time)),
         values: () => this.ticks().map(({ text }) => text),
       }],
@@ -68,7 +69,7 @@ export class TimeAxis {
 
   draw() {
     const { width } = this.panels;
-    if (this.plot.width !== width) this.plot.setSize({ width, height: 40 });
+    if (this.plot.width !== width) this.plot.setSize({ width, height: HEIGHT });
     this.plot.batch(() => this.plot.redraw(true, true));
     const largest = Math.max(Math.abs(this.state.t0), Math.abs(this.state.t1));
     const seconds = largest >= 120 ? 'min:s' : 's';
