@@ -6,6 +6,7 @@ preset cost or saved.
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from ..errors import ParameterError, channels_called
-from ..format.track import Component, Contract
 from ..numbers import counted
 from ..units import unit_text
 from .common import (
@@ -45,7 +45,7 @@ from .common import (
     threads_option,
     unit_option,
 )
-from .screen import JOINED, Column, Verb, note, percent, say, table
+from .screen import JOINED, Column, Verb, joined, note, percent, say, table
 
 if TYPE_CHECKING:
     from ..encoder.encode import Decision
@@ -54,31 +54,12 @@ if TYPE_CHECKING:
     from ..recording import Recording
     from ..writing.writer import Summary
 
-LOSSLESS = "lossless"
-
 
 def amount(value: float, unit: str, digits: int = 3) -> str:
     """A number with its unit, if it has one."""
     return f"{value:.{digits}g}{JOINED}{unit_text(unit)}".rstrip()
 
 
-def bound_text(contract: Contract | None, component: Component, index: int) -> str:
-    """How far a decoded sample may be from the recorded one."""
-    a, _, d = component.calibration
-    moved = component.deviation[1] if component.deviation else 0.0
-    if contract is None:
-        return f"within {amount(moved, component.unit)}" if moved else LOSSLESS
-    floor = contract.floor[min(index, len(contract.floor) - 1)]
-    least = amount(floor * abs(a / d) + moved, component.unit)
-    aim = "" if contract.guaranteed else ", an aim"
-    vector = " of the vector" if contract.vector else ""
-    if not contract.kn:
-        return f"within {least}{vector}{aim}"
-    return f"{100 * contract.kn / contract.kd:.3g}{JOINED}%{vector}, at least {least}{aim}"
-
-
-EXACT_DB = 150.0
-"""Only rounding to double precision is left."""
 NAMED = 3
 """Channels that a line names."""
 GROUPED = 16
@@ -102,21 +83,24 @@ class ChannelRow:
     extent: float
     snr_db: float | None
     st_sim: float | None
+    missed: str
 
     @property
     def texture(self) -> str:
         """The quality that was reached; of neighbours the lowest."""
+        from ..encoder.settings import EXACT_DB, NO_TEXTURE
+
         if self.st_sim is not None:
             return f"ST-SIM{JOINED}{self.st_sim:.3f}"
         if self.snr_db is None:
-            return ""
+            return "none" if self.missed == NO_TEXTURE else ""
         return "exact" if self.snr_db > EXACT_DB else f"{self.snr_db:.1f}{JOINED}dB"
 
     def cells(self) -> list[str]:
         error = amount(self.largest_error, self.unit) if self.largest_error else "0"
         return [
             self.label,
-            self.kept_as,
+            joined(self.kept_as),
             f"{8 * self.size / self.sample_count:.2f}" if self.sample_count else "-",
             str(self.size),
             error,
@@ -167,10 +151,9 @@ def show(
 
 
 def row_of(each: Decision) -> ChannelRow:
-    kept_as = each.kept_as or ("lossless" if each.exact else each.chosen)
     return ChannelRow(
         name_of(each),
-        kept_as,
+        each.kept_as,
         each.unit,
         each.sample_count,
         each.size,
@@ -178,6 +161,7 @@ def row_of(each: Decision) -> ChannelRow:
         each.extent,
         each.snr_db,
         each.st_sim,
+        each.missed,
     )
 
 
@@ -208,8 +192,22 @@ def name_of(each: Decision) -> str:
     return each.label or f"channel {each.channel}"
 
 
+NUMBER = re.compile(r"(?<= )\d[^ ,]*")
+
+
+def merged(texts: list[str]) -> str:
+    """Texts that differ by their numbers, as one: within 1 to 2 N."""
+    numbers = iter(zip(*map(NUMBER.findall, texts), strict=True))
+
+    def ends(_: re.Match[str]) -> str:
+        found = sorted(set(next(numbers)), key=float)
+        return found[0] if len(found) == 1 else f"{found[0]} to {found[-1]}"
+
+    return NUMBER.sub(ends, texts[0])
+
+
 def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
-    for _, run in groupby(rows, lambda row: (row.kept_as, row.unit)):
+    for _, run in groupby(rows, lambda row: (NUMBER.sub("", row.kept_as), row.unit)):
         members = list(run)
         if len(members) < 3:
             yield from members
@@ -217,6 +215,7 @@ def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
         yield replace(
             members[0],
             label=f"{members[0].label} and {len(members) - 1} more",
+            kept_as=merged([row.kept_as for row in members]),
             sample_count=sum(row.sample_count for row in members),
             size=sum(row.size for row in members),
             largest_error=max(row.largest_error for row in members),

@@ -22,7 +22,7 @@ from ..recording import Calibration, Channel
 from .bounded import code_lines, encode_bounded
 from .felt import Doubles, FeltChannel, counts_nearest
 from .plan import Promise
-from .settings import CLOSE
+from .settings import CLOSE, NO_TEXTURE
 from .source import InputBlock
 from .synthetic import with_synthetic
 from .unit import Unit, bound_of, decode_all, whole_range
@@ -56,14 +56,13 @@ def encode_textured(
     alone = encode_bounded(source, base, promise)
     assert alone
     if felt.silent if target.drops_silence else felt.smooth:
-        kept_as = promise.kept_as.replace(target.text, NO_TEXTURE)
-        return replace(alone, kept_as=kept_as, missed=NO_TEXTURE)
+        return replace(alone, missed=NO_TEXTURE)
     if target.synthetic:
         return encode_synthetic(felt, base, promise)
     if felt.fine and target.threshold_is_enough:
         unit = encode_bounded(source, base, replace(promise, k=Fraction(0)))
         assert unit
-        return reported(replace(unit, kept_as=promise.enough), felt, decoded(unit), THRESHOLD)
+        return reported(unit, felt, decoded(unit), THRESHOLD)
     best: Unit | None = None
     samples = decoded(alone)
     if felt.holds(samples):
@@ -75,7 +74,7 @@ def encode_textured(
         unit = trial.code(best.cost if best else None)
         if unit and (best is None or unit.cost < best.cost):
             best = reported(unit, felt, trial.samples, DEADBAND if trial.limited else FINER_WINS)
-    return best and replace(best, kept_as=promise.kept_as)
+    return best
 
 
 def encode_synthetic(felt: FeltChannel, base: Track, promise: Promise) -> Unit | None:
@@ -91,11 +90,9 @@ def encode_synthetic(felt: FeltChannel, base: Track, promise: Promise) -> Unit |
     if lines is None:
         return None
     texture = counts_nearest(felt.wanted, calibration) - slow
-    unit = with_synthetic(source, texture, lines, bound)
-    return unit and replace(unit, kept_as=promise.kept_as)
+    return with_synthetic(source, texture, lines, bound)
 
 
-NO_TEXTURE = "no texture above the threshold"
 DEADBAND = "the deadband of the slow part asks for more"
 FINER_WINS = "no coarser step is smaller"
 THRESHOLD = "errors stay below the threshold"
