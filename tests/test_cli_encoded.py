@@ -47,6 +47,8 @@ def test_a_line_for_each_channel_with_its_error_in_its_unit(tmp_path: Path) -> N
         assert float(bits) == pytest.approx(8 * int(size) / 3000, abs=0.005)
     told = json.loads(called("encode", *words, "-f", "--json").out)["channels"]
     assert all({"unit", "kept_as", "largest_error"} <= set(each) for each in told)
+    found = json.loads(called("info", tmp_path / "o.hapf", "--json").out)["channels"]
+    assert [each["kept_as"] for each in told] == [each["kept_as"] for each in found]
 
 
 def test_reasons_come_with_verbose_alone(tmp_path: Path) -> None:
@@ -67,6 +69,15 @@ def test_equal_neighbours_of_many_channels_share_a_line(tmp_path: Path) -> None:
     told = json.loads(called("encode", source, tmp_path / "b.hapf", "--json").out)
     assert size == sum(each["size"] for each in told["channels"])
     assert len(lines_of(source, tmp_path / "c.hapf", "-v")) == 2 + 20 + 20 + 1
+
+
+def test_neighbours_whose_bounds_differ_share_a_line_too(tmp_path: Path) -> None:
+    x = np.random.default_rng(3).normal(size=(20, 400)) * np.arange(1, 21)[:, None]
+    words = (saved(tmp_path, x), tmp_path / "a.hapf", "--preset", "near-lossless")
+    line = lines_of(*words)[2]
+    told = json.loads(called("encode", *words, "-f", "--json").out)["channels"]
+    bounds = sorted((each["kept_as"].split()[1] for each in told), key=float)
+    assert line.startswith(f"f0 and 19 more  within {bounds[0]} to {bounds[-1]} N  ")
 
 
 def test_larger_is_called_larger(tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 SHOWN: dict[str, tuple[list[str], list[str], int]] = {
     "encode": (["encode", "touch.npz", "-v", "-f", "x.hapf"], ["label", "bits/sample", *LABELS], 0),
-    "info": (["info", "a.hapf"], ["label", "error bound", *LABELS], 0),
+    "info": (["info", "a.hapf"], ["label", "kept as", *LABELS], 0),
     "info --events": (["info", "a.hapf", "--events"], ["time, s", "Anna"], 0),
     "verify": (["verify", "flipped.hapf"], ["damaged", "hapfmt recover flipped.hapf OUT"], 3),
     "verify --against": (

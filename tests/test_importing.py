@@ -35,6 +35,8 @@ from hapfmt import (
 from hapfmt.cli import cli
 from hapfmt.convert.formats import formats
 from hapfmt.convert.tables import Import, ImportBlock, ImportColumn, ImportTable
+from hapfmt.format.source import open_source
+from hapfmt.reading.opening import open_catalogue
 from hapfmt.reading.verifier import verify
 from hapfmt.writing import importing
 from hapfmt.writing.importing import why_whole, write_import
@@ -219,11 +221,15 @@ class TestBounded:
         )
         found = import_from([table], [[x, y]], [(0, 500)] * 39)
         settings = Settings.of("near-lossless", max_error="0.5%")
-        summary = write_import(found, io.BytesIO(), settings)
+        stream = io.BytesIO()
+        summary = write_import(found, stream, settings)
         other = hapfmt.write(whole(found), io.BytesIO(), settings)
         assert summary.file_size < 1.05 * other.file_size
         for one, two in zip(summary.decisions, other.decisions, strict=True):
-            assert one.kept_as == two.kept_as == "within 0.5 % of range"
+            catalogue = open_catalogue(open_source(stream.getvalue()))
+            assert one.kept_as == catalogue.channels[one.channel].kept_as
+            bounds = [float(each.kept_as.split()[1]) for each in (one, two)]
+            assert bounds[0] == pytest.approx(bounds[1], rel=0.03)
             assert 0.5 * two.largest_error < one.largest_error <= 1.01 * two.largest_error
             assert one.size < 1.05 * two.size and one.sample_count == 20000
 

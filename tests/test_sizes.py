@@ -1,7 +1,9 @@
-"""tools/sizes.py: sizes of files that were decoded and compared."""
+"""tools/sizes.py: sizes of files that were decoded and compared. Figures in pages: where they come
+from, and whether they are those of today."""
 
 from __future__ import annotations
 
+import re
 import sys
 
 import numpy as np
@@ -10,6 +12,10 @@ from spec import ROOT
 
 sys.path.insert(0, str(ROOT / "tools"))
 
+import faults
+import intervals
+import measured
+import presets
 import sizes
 from measured import files_in
 from peers.packages import installed
@@ -96,37 +102,13 @@ ROWS = [
 ]
 
 
-def test_table():
-    assert sizes.markdown(ROWS).split("\n") == [
-        "| recording | channels | FLAC | lossless |",
-        "|---|--:|--:|--:|",
-        "| sand | 1 | 8.0 | 16.0 |",
-        "| a (2) | 3-5 | 4.0 | 16.0 |",
-        "| b | 1 | - | 4.0 |",
-        "| 3 recordings | 1-5 | - | 10.1 |",
+def test_lines():
+    assert sizes.lines_of(ROWS, ["FLAC", "lossless"]) == [
+        ["sand", "1", "8.0", "16.0"],
+        ["a (2)", "3-5", "4.0", "16.0"],
+        ["b", "1", "-", "4.0"],
+        ["3 recordings", "1-5", "-", "10.1"],
     ]
-
-
-def test_readme():
-    text = (
-        "# x\n\n| recording | old |\n|---|--:|\n| sand | 1 |\n\nText. Measured at commit 1\non a\n"
-        "machine.\n\n## More\n"
-    )
-    assert sizes.readme(text, sizes.markdown(ROWS), sizes.measured_at()).split("\n")[:9] == [
-        "# x", "",
-        "| recording | channels | FLAC | lossless |",
-        "|---|--:|--:|--:|",
-        "| sand | 1 | 8.0 | 16.0 |",
-        "| 3 recordings | 1-5 | - | 10.1 |",
-        "",
-        f"Text. Measured at commit {sizes.commit(ROOT)} on {sizes.machine()}.", "",
-    ]  # fmt: skip
-
-
-def test_the_readme_has_every_column():
-    text = (ROOT / "README.md").read_text("utf-8")
-    assert f"{sizes.head([*sizes.PEERS, *sizes.OURS])}\n| sand | 1 |" in text
-    assert set(sizes.RECIPES) == set(sizes.PEERS)
 
 
 def test_linked_folders_are_followed_once(tmp_path):
@@ -141,3 +123,87 @@ def test_linked_folders_are_followed_once(tmp_path):
     except OSError:
         pytest.skip("this system has no symbolic links")
     assert files_in(data) == [data / "linked" / "b.npz", data / "set" / "a.npz"]
+
+
+FIGURES = {
+    match[1]: (page, match)
+    for page in measured.PAGES
+    for match in re.finditer(measured.MARK % r"[a-z]+", page.read_text("utf-8"))
+}
+TABLE = re.compile(r"^((?:\|.*\n){2})((?:\|.*\n)+)", re.M)
+NUMBER = re.compile(r"`?[-\u2212]?\d[\d.,]*`?( ?(%|dB|ms|s|[kMG]i?B|/.*))?")
+NO_FIGURES = re.compile(r"\| (offset|code|k|exit code) \||\| exit code \|")
+"""Heads of tables whose numbers nobody measured."""
+
+
+@pytest.mark.parametrize("page", measured.PAGES, ids=lambda page: page.name)
+def test_each_table_of_figures_says_where_it_comes_from(page):
+    text = re.sub(r"^ *```.*?^ *```$", "", page.read_text("utf-8"), flags=re.S | re.M)
+    marked = [match[0] for where, match in FIGURES.values() if where == page]
+    for head, rows in TABLE.findall(text):
+        cells = [cell.strip() for row in rows.splitlines() for cell in row.strip("|").split("|")]
+        numbers = sum(bool(NUMBER.fullmatch(cell)) for cell in cells)
+        if numbers >= 2 and 4 * numbers >= len(cells) and not NO_FIGURES.search(head):
+            assert any(f"{head}{rows}" in each for each in marked), head
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_the_program_that_is_named_writes_the_table(name):
+    page, match = FIGURES[name]
+    program = ROOT / match[2]
+    files = program.glob("*.py") if program.is_dir() else [program]
+    assert any(f'write_rows("{name}", ' in path.read_text("utf-8") for path in files)
+    widths = {row.count(" | ") for row in (match[5] + match[6]).splitlines() if "---" not in row}
+    assert len(widths) == 1 and page.read_text("utf-8").count(f"<!-- {name}: ") == 1
+
+
+def shown(name: str) -> list[list[str]]:
+    rows = FIGURES[name][1][6].splitlines()
+    return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
+
+
+def about(texts: list[str], share: float = 0.03) -> list[object]:
+    """Numbers that may differ a little, as between versions of a library."""
+    found = [re.findall(r"[\d.]+", text) for text in texts]
+    return [pytest.approx([float(x) for x in each], rel=share, abs=0.15) for each in found]
+
+
+def numbers(texts: list[str]) -> list[list[float]]:
+    return [[float(x) for x in re.findall(r"[\d.]+", text)] for text in texts]
+
+
+@pytest.mark.compiled
+class TestFiguresAreThoseOfToday:
+    def test_sizes_of_a_scene(self):
+        row = next(row for row in shown("sizes") if row[0] == "sand")
+        recording = dict(sizes.scenes(sizes.SECONDS))["sand"]
+        ratios = [8 * recording.sample_count / sizes.ours(recording, x) for x in sizes.OURS]
+        assert ratios == about(row[-3:])
+
+    def test_what_comes_back_of_a_small_file(self):
+        row = shown("faults")[0]
+        assert row[0] == "one byte changed"
+        jobs = [("2 kB", "lossless"), ("200 kB", "lossless"), ("200 kB", "paper")]
+        found = [faults.run_size((*job, row[0], 20)) for job in jobs]
+        assert numbers(found) == about([row[1], row[2], row[5]])
+
+    @pytest.mark.skipif(not measured.DATA.exists(), reason="there are no recordings")
+    def test_what_one_changed_byte_takes(self):
+        found = faults.cluster_rows(20)
+        assert [row[:2] for row in found] == [row[:2] for row in shown("clusters")]
+        assert numbers([row[2] for row in found]) == about([row[2] for row in shown("clusters")])
+        assert numbers([row[3] for row in found]) == about([row[3] for row in shown("clusters")])
+
+    @pytest.mark.skipif(not measured.DATA.exists(), reason="there are no recordings")
+    def test_compression_of_one_recording(self):
+        path = next(p for p in files_in(measured.DATA) if str(p).endswith(f"{presets.FOAM}.npz"))
+        recording = hapfmt.read(path)
+        ratios = [presets.measure(recording, each).ratio for each in presets.SETTINGS.values()]
+        assert ratios == about([row[-1] for row in shown("presets")])
+        assert [row[0].strip("`") for row in shown("presets")] == list(presets.SETTINGS)
+
+    def test_intervals(self):
+        """Of 400 tests, not 4000: the standard error of a share is 1.5 %."""
+        for row, found in zip(shown("intervals"), intervals.rows(400), strict=True):
+            assert row[:2] == found[:2]
+            assert numbers(found[2:]) == about(row[2:], 0.06)

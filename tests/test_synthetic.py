@@ -269,7 +269,7 @@ class TestLabels:
         """NOI-002: A program that describes, converts or plays a channel with such a track MUST call its texture synthetic."""
         (tmp_path / "x.hapf").write_bytes(data)
         text = run("info", "x.hapf", cwd=tmp_path).stdout.decode()
-        assert "slow part 10" in text and "synthetic texture" in text
+        assert "slow part deadband 10" in text and "synthetic texture" in text
         found = json.loads(run("info", "x.hapf", "--json", cwd=tmp_path).stdout)
         assert [each["synthetic"] for each in found["channels"]] == [True, False]
 
@@ -278,7 +278,8 @@ class TestLabels:
         done = run("encode", "x.hapf", "y.hapf", "--preset", "perceptual", "--synthetic-texture",
                    cwd=tmp_path)  # fmt: skip
         assert done.returncode == 0
-        assert "deadband 10 %, synthetic texture" in done.stdout.decode()
+        text = done.stdout.decode()
+        assert "slow part deadband 10 %" in text and "an aim, synthetic texture" in text
 
     def test_dump(self, data):
         """NOI-002: A program that describes, converts or plays a channel with such a track MUST call its texture synthetic."""

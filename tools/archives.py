@@ -32,7 +32,7 @@ from typing import NamedTuple
 import installed
 
 import numpy as np
-from measured import print_origin, print_table
+from measured import print_origin, print_table, write_rows
 
 import hapfmt
 from hapfmt.lab.scenes import load_scene, simulate
@@ -175,7 +175,10 @@ def decode_flac(paths: Sequence[Path]) -> None:
         soundfile.read(path, dtype="int32")
 
 
-def print_plan(found: Sequence[Timing], made: Made, spectra: float | None) -> None:
+SHOWN_WORKERS = (1, 4, 16, 64)
+
+
+def print_plan(found: Sequence[Timing], made: Made, spectra: float | None, write: bool) -> None:
     """Hours per TB, from the speed of one worker in CPU time; ``spectra``: its samples a second."""
     one = next(each for each in found if each.name.startswith("hapfmt"))
     speed = one.size / one.cpu
@@ -183,6 +186,14 @@ def print_plan(found: Sequence[Timing], made: Made, spectra: float | None) -> No
     works = [("verify", speed)]
     if spectra:
         works.append(("spectra", spectra * density))
+    hours = [
+        [f"{TERABYTE / (size * workers) / 3600:.2g}" for rate in (each for _, each in works)
+         for size in (rate, 8 * rate / density)]
+        for workers in SHOWN_WORKERS
+    ]  # fmt: skip
+    if write and spectra:
+        pairs = zip(SHOWN_WORKERS, hours, strict=True)
+        write_rows("hours", [[workers, *row] for workers, row in pairs])
     for name, rate in works:
         print(
             f"{name}: one worker reads {rate / 1e6:.2f} MB of .hapf in a second of CPU time, "
@@ -216,6 +227,7 @@ def main() -> int:
         "--spectra", type=float, metavar="M",
         help="M samples/s of one worker, as tools/spectra.py prints: adds them to the plan",
     )  # fmt: skip
+    parser.add_argument("--write", action="store_true", help="put the tables into docs/planning.md")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = given.folder or Path(temporary)
@@ -224,10 +236,11 @@ def main() -> int:
             make(folder, max(given.files, 3), given.megabytes),
             [int(text) for text in given.jobs.split(",")],
             None if given.spectra is None else 1e6 * given.spectra,
+            given.write,
         )
 
 
-def measure(made: Made, jobs: Sequence[int], spectra: float | None) -> int:
+def measure(made: Made, jobs: Sequence[int], spectra: float | None, write: bool) -> int:
     hapf = sorted((made.folder / "hapf").glob("*.hapf"))
     flac = sorted((made.folder / "flac").rglob("*.flac"))
     hapf_size, flac_size = size_of(hapf), size_of(flac)
@@ -251,19 +264,19 @@ def measure(made: Made, jobs: Sequence[int], spectra: float | None) -> int:
         f"{8 * made.samples / 1e6:.0f} MB of float64, {hapf_size / 1e6:.1f} MB of .hapf, "
         f"{flac_size / 1e6:.1f} MB of FLAC; load {os.getloadavg()[0]:.1f}\n"
     )
-    print_table(
-        ["program", "processes", "wall, s", "CPU, s", "MB/s of its files", "M samples/s",
-         "MB/s of float64"],
+    rows = [
         [
-            [
-                each.name, each.jobs, f"{each.wall:.2f}", f"{each.cpu:.2f}",
-                f"{each.size / each.wall / 1e6:.1f}", f"{made.samples / each.wall / 1e6:.1f}",
-                f"{8 * made.samples / each.wall / 1e6:.0f}",
-            ]
-            for each in found
-        ],
-    )  # fmt: skip
-    print_plan(found, made, spectra)
+            f"`{each.name}`", each.jobs, f"{each.wall:.1f}", f"{each.cpu:.1f}",
+            f"{each.size / each.wall / 1e6:.3g}", f"{made.samples / each.wall / 1e6:.3g}",
+        ]
+        for each in found
+    ]  # fmt: skip
+    print_table(
+        ["program", "processes", "wall, s", "CPU, s", "MB/s of its files", "M samples/s"], rows
+    )
+    if write:
+        write_rows("archives", rows)
+    print_plan(found, made, spectra, write)
     right = all(each == set(made.damaged) for each in reported)
     print(
         f"{len(made.damaged)} files were damaged; "

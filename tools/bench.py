@@ -64,12 +64,17 @@ class Job(NamedTuple):
 
 
 def load_all(data: Path, only: str, rate: str | None) -> Iterator[tuple[str, hapfmt.Recording]]:
-    """(name, recording) of each file that can be read; the others are printed with the reason."""
+    """(name, recording) of each file that can be read; the others are printed with the reason.
+
+    Of the project's own data, those that only show how labs store their files are left out.
+    """
     paths = [data] if data.is_file() else files_in(data)
     root = data.parent if data.is_file() else data
     for path in paths:
         name = str(path.relative_to(root).with_suffix(""))
         if path.suffix.lower() not in (*read_suffixes(), ".hapf") or only not in name:
+            continue
+        if data == DATA and name.startswith("real/"):
             continue
         try:
             given = {} if path.suffix == ".hapf" else {"rate": rate}

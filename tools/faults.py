@@ -1,11 +1,12 @@
 """Faults in one file: wrong samples that are delivered, how many come back, and what recover makes.
 
 python tools/faults.py [--trials N] [--quick] [--many] [--foreign]      default 1000 of each kind
-python tools/faults.py --sizes [--trials N]       what comes back of files of 2 kB, 200 kB and 5 MB
+python tools/faults.py --sizes [--trials N] [--write]   what comes back of files of 2 kB to 5 MB
 
 --quick: 50 of each kind. --many: a recorder's file too, 22 channels at 1 kHz in clusters of 1 s.
 --foreign: tactile arrays too, of 16, 64 and 200 mostly silent channels, and all of them with parts
 of a second recording of the same set-up in place of their own.
+--write: put the tables into docs/damage.md; its figures are those of --trials 20.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from functools import cache
 import installed  # noqa: F401
 
 import numpy as np
-from measured import print_origin, print_table
+from measured import DATA, files_in, print_origin, print_table, write_rows
 
 import hapfmt
 from hapfmt.format.source import BytesSource
@@ -372,9 +373,12 @@ def sized(name: str, preset: str) -> Case:
 
 
 def run_size(job: tuple[str, str, str, int]) -> str:
-    """The mean share that comes back, and the least, in %."""
     name, preset, kind, trials = job
-    found = sized(name, preset)
+    return recovered(sized(name, preset), kind, trials)
+
+
+def recovered(found: Case, kind: str, trials: int) -> str:
+    """The mean share that comes back, and the least, in %."""
     if kind in NEED_BLOCKS and len(found.data) < 2 * BLOCK:
         return "-"
     rng = np.random.default_rng(11)
@@ -389,7 +393,36 @@ def run_size(job: tuple[str, str, str, int]) -> str:
     return f"{np.mean(shares):.1f} / {np.min(shares):.0f}"
 
 
-def print_sizes(trials: int) -> None:
+CLUSTERS: dict[str, tuple[str, ...]] = {
+    "teleop1dof/question1a_foam": ("", "--cluster 1", "--cluster 0.5", "--no-references"),
+    "smartwheel/smartwheel": ("", "--cluster 10", "--cluster 1", "--no-references"),
+}
+"""Recordings, and options of preset lossless that limit what one damaged byte takes."""
+
+
+def cluster_rows(trials: int) -> list[list[str]]:
+    """Size, and the share that comes back if one byte changes, with each of the options."""
+    rows = []
+    for (file, options), name in zip(CLUSTERS.items(), ("foam", "wheel"), strict=True):
+        recording = hapfmt.read(next(p for p in files_in(DATA) if str(p).endswith(f"{file}.npz")))
+        rate, count = float(recording.channels[0].rate_exact), len(recording)
+        about = f"{name}, {count} channels at {rate:g} Hz, {float(recording.duration):.3g} s"
+        for option in options:
+            seconds = option.removeprefix("--cluster ")
+            stream = io.BytesIO()
+            hapfmt.write(
+                recording, stream, canonical=1, references=option != "--no-references",
+                cluster=seconds if seconds != option else None,
+            )  # fmt: skip
+            found = Case(file, option, stream.getvalue(), hapfmt.read(stream.getvalue()), b"")
+            share = recovered(found, "one byte changed", trials)
+            rows.append([about, f"`{option}`" if option else "none", f"{len(found.data)}", share])
+            about = ""
+    return rows
+
+
+def print_sizes(trials: int, write: bool) -> None:
+    columns = {}
     for name in SIZES:
         about = ", ".join(f"{preset} {len(sized(name, preset).data)}" for preset in PRESETS)
         print(f"\nFiles of about {name} ({about} bytes), {trials} trials of each kind\n")
@@ -401,6 +434,16 @@ def print_sizes(trials: int) -> None:
             for i, kind in enumerate(FAULTS)
         ]
         print_table(["recovered: mean / least, %", *PRESETS], rows)
+        columns[name] = rows
+    if write:
+        pairs = zip(columns["2 kB"], columns["200 kB"], strict=True)
+        shown = [[*small[:2], *large[1:]] for small, large in pairs]
+        write_rows("faults", [row for row in shown if row[0] != "bytes after the end"])
+    if DATA.exists():
+        rows = cluster_rows(trials)
+        print_table(["recording", "option", "bytes", "recovered: mean / least, %"], rows)
+        if write:
+            write_rows("clusters", rows)
 
 
 def main() -> None:
@@ -410,11 +453,12 @@ def main() -> None:
     parser.add_argument("--many", action="store_true")
     parser.add_argument("--foreign", action="store_true")
     parser.add_argument("--sizes", action="store_true")
+    parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     trials = 50 if options.quick else options.trials
     print_origin()
     if options.sizes:
-        print_sizes(trials)
+        print_sizes(trials, options.write)
         return
     headers = ["fault", "trials", "wrong samples", "of them silent", "faults not reported",
                "losses not named", "recovered %", "worst %", "refused by recover",

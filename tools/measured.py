@@ -1,16 +1,17 @@
 """What every table of measurements says of itself: machine, versions, commit; how it is printed,
-and how work is timed."""
+how it comes into a page, and how work is timed."""
 
 from __future__ import annotations
 
 import os
 import platform
+import re
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from installed import ROOT, describe
+from installed import ROOT, commit, describe
 
 import numpy as np
 
@@ -48,6 +49,26 @@ def print_table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> Non
     for row in [list(headers), ["-" * width for width in widths], *cells]:
         print("| " + " | ".join(c.rjust(w) for c, w in zip(row, widths, strict=True)) + " |")
     print()
+
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]
+MARK = r"<!-- (%s): (tools/[^ ]+) at ([^ ]+) on (.*?) -->\n\n((?:\|.*\n){2})((?:\|.*\n)*)"
+"""A table of figures in a page: its name, the program that writes it, the commit and the machine of
+the figures, its head, and its rows."""
+
+
+def write_rows(name: str, rows: Sequence[Sequence[object]]) -> None:
+    """Put rows into the table of that name, in the page that has it."""
+    lines = "".join("| " + " | ".join(map(str, row)) + " |\n" for row in rows)
+
+    def renewed(found: re.Match[str]) -> str:
+        assert {len(row) for row in rows} == {found[5].split("\n")[0].count("|") - 1}, name
+        on = f"{commit(ROOT)} on {machine()}"
+        return f"<!-- {name}: {found[2]} at {on} -->\n\n{found[5]}{lines}"
+
+    texts = {page: page.read_text("utf-8") for page in PAGES}
+    (page,) = [page for page, text in texts.items() if f"<!-- {name}: " in text]
+    page.write_text(re.sub(MARK % re.escape(name), renewed, texts[page]), "utf-8")
 
 
 def files_in(folder: Path) -> list[Path]:

@@ -1,6 +1,6 @@
 """Presets compared over a folder of recordings: ratio, largest error, time. Prints Markdown.
 
-python tools/presets.py [DATA]        a folder of recordings; without: ../shared/data
+python tools/presets.py [DATA] [--write]        a folder of recordings; without: ../shared/data
 
 The ratio is that of the samples as float64 (8 bytes each) to the whole file, as the geometric mean
 over the files. Every decoded sample is compared with the float64 of the recording; the error of a
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import io
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib.util import find_spec
@@ -23,27 +24,35 @@ import installed  # noqa: F401
 
 import click
 import numpy as np
-from measured import DATA, files_in, origin
+from bench import load_all
+from measured import DATA, origin, print_table, write_rows
 
 import hapfmt
-from hapfmt.convert.formats import read_suffixes
-from hapfmt.metrics import snr_hf_db, st_sim
+from hapfmt.errors import DataWarning
+from hapfmt.metrics import snr_hf_db, snr_weighted_db, spqi, st_sim
 
+NO_TEXTURE = {"preset": "perceptual", "texture": False}
 SETTINGS: dict[str, dict[str, Any]] = {
     "lossless": {},
     "near-lossless": {"preset": "near-lossless"},
-    "near-lossless, 1 %": {"preset": "near-lossless", "max_error": "1%"},
+    "near-lossless --max-error 1%": {"preset": "near-lossless", "max_error": "1%"},
     "perceptual": {"preset": "perceptual"},
-    "perceptual, no texture": {"preset": "perceptual", "texture": False},
-    "perceptual, no texture, all felt": {"preset": "perceptual", "texture": False, "felt": "all"},
+    "perceptual --snr 20": {"preset": "perceptual", "snr": 20},
+    "perceptual --no-texture": NO_TEXTURE,
+    "perceptual --no-texture --felt all": {**NO_TEXTURE, "felt": "all"},
     "paper": {"preset": "paper"},
 }
+"""Where no channel is felt, options of perceptual do nothing: such a file is near-lossless."""
 
-NAMED = ("teleop1dof/question1a_foam", "shock51k/Test_001")
+FOAM = "teleop1dof/question1a_foam"
+NAMED = (FOAM, "shock51k/Test_001")
+
+WEIGHTED_DB, WEIGHTINGS = 15.0, (0.0, 0.25, 0.5)
+"""A torque of FOAM, coded with each weighting."""
 
 TEXTURES = (
     ("biotac_slide/mat1_3_pac", "pac"),
-    ("teleop1dof/question1a_foam", "tau_human"),
+    (FOAM, "tau_human"),
     ("smartwheel/smartwheel", "Fx"),
 )
 """Recordings and channels whose texture is measured at one quality."""
@@ -73,17 +82,18 @@ class Result(NamedTuple):
     cpu_s: float
 
 
-def load_all(data: Path) -> Iterator[tuple[str, hapfmt.Recording]]:
-    for path in files_in(data):
-        if path.suffix.lower() in read_suffixes():
-            yield str(path.relative_to(data).with_suffix("")), hapfmt.read(path)
-
-
 def written(
     recording: hapfmt.Recording, given: dict[str, Any]
 ) -> tuple[hapfmt.writing.writer.Summary, bytes, float]:
     stream, began = io.BytesIO(), time.process_time()
-    summary = hapfmt.write(recording, stream, hapfmt.Settings.of(**given), canonical=1, threads=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)  # no channel is felt
+        try:
+            summary = hapfmt.write(recording, stream, canonical=1, threads=1, **given)
+        except hapfmt.ParameterError as error:
+            if "would do nothing" not in str(error):
+                raise
+            summary = hapfmt.write(recording, stream, canonical=1, threads=1, preset="perceptual")
     return summary, stream.getvalue(), time.process_time() - began
 
 
@@ -128,9 +138,23 @@ def texture(recording: hapfmt.Recording, label: str) -> tuple[float, float, floa
     return *ours, *coded(preset="paper", step=low, **knots)
 
 
-def ladder(recordings: dict[str, hapfmt.Recording]) -> Iterator[str]:
-    """Rows: median SNR and ST-SIM of the textures that have one in the lowest quality, the mean of
-    their bits per sample, and seconds."""
+def weighted(recording: hapfmt.Recording) -> Iterator[list[str]]:
+    """Bytes, weighted SNR and SPQI of a torque with each weighting."""
+    channel = recording.channel("tau_human")
+    alone, x = hapfmt.Recording((channel,)), channel.samples()
+    for gamma in WEIGHTINGS:
+        given = {"preset": "perceptual", "snr": WEIGHTED_DB, "texture_codec": "MDCT"}
+        _, data, _ = written(alone, {**given, "weighting": gamma})
+        y = hapfmt.read(data).channels[0].samples()
+        snr = snr_weighted_db(x, y, channel.rate_exact)
+        yield [
+            f"{gamma:g}", f"{len(data)}", f"{snr:.1f}", f"{spqi(x, y, channel.rate_exact):.2f}"
+        ]  # fmt: skip
+
+
+def ladder(recordings: dict[str, hapfmt.Recording]) -> Iterator[list[str]]:
+    """Rows of the textures that have a quality in the lowest one: the mean of their bits per
+    sample, median and least SNR, median and worst tenth of ST-SIM, seconds, how many."""
     textured: dict[str, list[int]] = {}
     for name, given in LADDER.items():
         bits, ratios, alike, seconds = [], [], [], 0.0
@@ -153,8 +177,12 @@ def ladder(recordings: dict[str, hapfmt.Recording]) -> Iterator[str]:
                     alike.append(st_sim(f[some], g[some], x.rate_exact))
         mean = exp(sum(map(log, bits)) / len(bits))
         enough = len(alike) > 1
-        middle = f"{median(alike):.3f} | {quantiles(alike, n=10)[0]:.3f}" if enough else "- | -"
-        yield f"| `{name}` | {mean:.2f} | {median(ratios):.1f} | {middle} | {seconds:.0f} |"
+        middle = (median(alike), quantiles(alike, n=10)[0]) if enough else ()
+        alikeness = [f"{each:.3f}" for each in middle] or ["-", "-"]
+        yield [
+            f"`{name}`", f"{mean:.2f}", f"{median(ratios):.1f}", f"{min(ratios):.1f}", *alikeness,
+            f"{seconds:.0f}", f"{len(ratios)}",
+        ]  # fmt: skip
 
 
 def longest_run(channel: hapfmt.Channel) -> slice:
@@ -168,13 +196,14 @@ def longest_run(channel: hapfmt.Channel) -> slice:
 
 @click.command(help=__doc__)
 @click.argument("data", type=click.Path(exists=True, path_type=Path), default=DATA)
-def main(data: Path) -> None:
-    recordings = dict(load_all(data))
+@click.option("--only", default="", help="Recordings whose name contains this.")
+@click.option("--write", is_flag=True, help="Put the tables into docs/presets.md.")
+def main(data: Path, only: str, write: bool) -> None:
+    recordings = dict(load_all(data, only, None))
     if not recordings:
         raise click.ClickException(f"{data} holds no recordings")
     print(f"# Presets over {len(recordings)} recordings\n\n{origin()}\n")
-    print("| setting | ratio | largest error, % of range: all / median of files | CPU s |")
-    print("|---|---|---|---|")
+    shown: list[list[str]] = []
     found: dict[str, dict[str, Result]] = {}
     for name, given in SETTINGS.items():
         rows = {file: measure(recording, given) for file, recording in recordings.items()}
@@ -182,7 +211,14 @@ def main(data: Path) -> None:
         mean = exp(sum(log(row.ratio) for row in rows.values()) / len(rows))
         errors = [row.percent for row in rows.values()]
         cpu = sum(row.cpu_s for row in rows.values())
-        print(f"| {name} | {mean:.1f} | {max(errors):.3g} / {median(errors):.3g} | {cpu:.1f} |")
+        ratio = [f"{rows[file].ratio:.1f}" for file in rows if file.endswith(FOAM)]
+        errors_shown = [f"{each:.2g}" for each in (max(errors), median(errors))]
+        shown.append([f"`{name}`", f"{mean:.1f}", *errors_shown, *(ratio or ["-"]), f"{cpu:.1f}"])
+        click.echo(f"{name} ...", err=True)
+    error = "largest error, % of range: all files"
+    print_table(["setting", "ratio", error, "median file", "ratio of foam", "CPU s"], shown)
+    if write:
+        write_rows("presets", [row[:-1] for row in shown])
     larger = [
         f"{file}, {name}"
         for name, rows in found.items()
@@ -198,13 +234,18 @@ def main(data: Path) -> None:
             ratios = [found[name][file].ratio for name in list(SETTINGS)[:4]]
             print(f"| {file} | " + " | ".join(f"{ratio:.1f}" for ratio in ratios) + " |")
     if find_spec("vibromaf") is not None:
-        print(
-            "\nTextures: geometric mean of bits per sample; median of SNR (dB) and ST-SIM; ST-SIM "
-            "of the worst tenth; CPU s\n\n| quality | bits/sample | SNR | ST-SIM | worst | CPU s |"
-            "\n|---|---|---|---|---|---|"
-        )
-        for row in ladder(recordings):
-            print(row)
+        lines = list(ladder(recordings))
+        headers = ["quality", "bits/sample, geometric mean", "SNR, dB, median", "SNR, dB, least"]
+        similar = ["ST-SIM, median", "ST-SIM, worst tenth", "CPU s", "textures"]
+        print_table([*headers, *similar], lines)
+        if write:
+            write_rows("textures", [row[:-2] for row in lines])
+        for file, recording in recordings.items():
+            if file.endswith(FOAM):
+                lines = list(weighted(recording))
+                print_table(["weighting", "bytes", "weighted SNR, dB", "SPQI"], lines)
+                if write:
+                    write_rows("weighting", lines)
     print(
         f"\nTexture at {QUALITY_DB:g} dB, bits a sample (SNR): preset perceptual, and knots with a "
         "quantised residual\n\n| channel | perceptual | knots + QUAN |\n|---|---|---|"

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import io
 import json
-import re
 import struct
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -21,12 +20,12 @@ from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
-from installed import ROOT, commit
+import installed  # noqa: F401
 
 import click
 import numpy as np
 from bench import counts_of, load_all
-from measured import DATA, machine, origin
+from measured import DATA, origin, print_table, write_rows
 from numpy.typing import NDArray
 from peers.exact import flac_decode, flac_encode, narrow, unzstd, zstd
 from peers.packages import installed as has
@@ -270,11 +269,7 @@ def by_folder(rows: Sequence[Row]) -> dict[str, list[Row]]:
     return groups
 
 
-def head(coders: Sequence[str]) -> str:
-    return f"| recording | channels | {' | '.join(coders)} |\n|---|{'--:|' * (len(coders) + 1)}"
-
-
-def line(name: str, rows: Sequence[Row], coders: Sequence[str]) -> str:
+def line(name: str, rows: Sequence[Row], coders: Sequence[str]) -> list[str]:
     """Geometric means; - where one of the recordings does not fit."""
     cells = []
     for coder in coders:
@@ -283,32 +278,19 @@ def line(name: str, rows: Sequence[Row], coders: Sequence[str]) -> str:
         cells.append(f"{mean(ratios):.1f}" if len(ratios) == len(rows) else "-")
     counts = sorted({row.channels for row in rows})
     channels = f"{counts[0]}-{counts[-1]}" if len(counts) > 1 else f"{counts[0]}"
-    return f"| {name} | {channels} | {' | '.join(cells)} |"
+    return [name, channels, *cells]
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def lines_of(rows: Sequence[Row], coders: Sequence[str]) -> list[list[str]]:
     """One line a folder or scene, and one of all recordings that were not simulated."""
-    coders = list(dict.fromkeys(coder for row in rows for coder in row.sizes))
-    lines = [head(coders)]
+    lines = []
     for name, members in by_folder(rows).items():
         several = f" ({len(members)})" if len(members) > 1 else ""
         lines.append(line(f"{name}{several}", members, coders))
     recorded = [row for row in rows if row.name not in SCENES]
     if len(recorded) > 1:
         lines.append(line(f"{len(recorded)} recordings", recorded, coders))
-    return "\n".join(lines)
-
-
-def measured_at() -> str:
-    return f"Measured at commit {commit(ROOT)} on {machine()}."
-
-
-def readme(text: str, table: str, said: str) -> str:
-    """The README with the lines of the scenes and of all recordings, and what they come from."""
-    first, kept = lambda x: x.split("|")[1].strip(), {"recording", "---", *SCENES}
-    lines = [x for x in table.split("\n") if first(x) in kept or first(x).endswith(" recordings")]
-    text = re.sub(r"\| recording \|.*\n(\|.*\n)+", lambda _: "\n".join(lines) + "\n", text)
-    return re.sub(r"Measured at commit [\s\S]*?(?=\n\n)", lambda _: said, text)
+    return lines
 
 
 @click.command(help=__doc__)
@@ -320,8 +302,7 @@ def readme(text: str, table: str, said: str) -> str:
 @click.option("--only", default="", help="Recordings whose name contains this.")
 @click.option("--write", "to_readme", is_flag=True, help="Put the table into README.md.")
 def main(data: Path | None, seconds: float, only: str, to_readme: bool) -> None:
-    on, said = origin(), measured_at()
-    rows = []
+    on, rows = origin(), []
     for name, recording in chain(scenes(seconds), load_all(data, only, None) if data else ()):
         if only not in name or not recording.sample_count:
             continue
@@ -333,9 +314,10 @@ def main(data: Path | None, seconds: float, only: str, to_readme: bool) -> None:
     if not rows:
         click.echo("No recording could be measured.", err=True)
         sys.exit(1)
-    table = markdown(rows)
+    coders = list(dict.fromkeys(coder for row in rows for coder in row.sizes))
+    lines = lines_of(rows, coders)
     print(f"How many times smaller than float64 a whole file is; scenes of {seconds:g} s.\n")
-    print(f"{table}\n")
+    print_table(["recording", "channels", *coders], lines)
     for coder, recipe in RECIPES.items():
         print(f"* {coder}: {recipe}")
     print("\nBelow 1 a file is larger than float64. Every lossless file was decoded and compared")
@@ -344,8 +326,8 @@ def main(data: Path | None, seconds: float, only: str, to_readme: bool) -> None:
     if missing := left_out():
         print(f"Not installed: {', '.join(missing)}.")
     if to_readme:
-        page = ROOT / "README.md"
-        page.write_text(readme(page.read_text("utf-8"), table, said), "utf-8")
+        shown = [x for x in lines if x[0] in SCENES or x[0].endswith(" recordings")]
+        write_rows("sizes", shown)
 
 
 if __name__ == "__main__":

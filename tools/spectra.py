@@ -31,6 +31,7 @@ from typing import Any
 import installed  # noqa: F401
 
 import numpy as np
+from measured import print_origin, print_table, write_rows
 from numpy.typing import NDArray
 from scipy.signal import welch
 
@@ -132,11 +133,6 @@ def s3_of(paths: list[Path]) -> Iterator[list[str]]:
         server.wait()
 
 
-def row(name: str, seconds: float, base: float, samples: int, note: str = "") -> None:
-    speed = samples / seconds / 1e6
-    print(f"{name:28} {seconds:8.1f} s {base / seconds:6.2f} x {speed:8.1f} Msamples/s  {note}")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--files", type=int, default=1000)
@@ -144,41 +140,55 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--folder", type=Path, help="keep the files here for the next run")
     parser.add_argument("--s3", action="store_true")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/planning.md")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = given.folder or Path(temporary)
         folder.mkdir(exist_ok=True)
-        measure(make(folder, given.files, given.seconds), given.seconds, given.workers, given.s3)
+        measure(
+            make(folder, given.files, given.seconds),
+            given.seconds,
+            given.workers,
+            given.s3,
+            given.write,
+        )
 
 
-def measure(files: list[Path], seconds: float, workers: int, s3: bool) -> None:
+def measure(files: list[Path], seconds: float, workers: int, s3: bool, write: bool) -> None:
     samples = round(36 * 1000 * seconds) * len(files)
     size = sum(path.stat().st_size for path in files)
+    print_origin()
     print(
         f"{len(files)} files, {samples / 1e6:.0f} M samples, {8 * samples / 1e9:.2f} GB as "
-        f"float64, {size / 1e9:.3f} GB in files"
+        f"float64, {size / 1e9:.3f} GB in files\n"
     )
     paths = [str(path) for path in files]
     spectra(paths[0])
     start = time.perf_counter()
     expected = [spectra(path) for path in paths]
     base = time.perf_counter() - start
-    row("one process", base, base, samples, f"peak {peak_memory() / MIB:.0f} MiB")
+    rows: list[list[str]] = []
+
+    def row(name: str, taken: float, peak: int) -> None:
+        speeds = [f"{taken:.1f}", f"{base / taken:.2f}", f"{samples / taken / 1e6:.1f}"]
+        rows.append([name, *speeds, f"{peak / MIB:.0f}"])
 
     def run(name: str, call: Callable[[], tuple[Any, float, int, int]]) -> None:
-        found, taken, peak, before = call()
-        same = all(map(np.array_equal, found, expected))
-        note = f"peak of a worker {peak / MIB:.0f} MiB, {before / MIB:.0f} before"
-        row(name, taken, base, samples, f"{note}; {'equal' if same else 'NOT EQUAL'}")
-        if not same:
-            sys.exit(1)
+        found, taken, peak, _ = call()
+        row(name, taken, peak)
+        if not all(map(np.array_equal, found, expected)):
+            sys.exit(f"{name}: the spectra are NOT EQUAL")
 
-    run("Dask, 1 worker", lambda: by_dask(paths, 1))
-    run(f"Dask, {workers} workers", lambda: by_dask(paths, workers))
-    run(f"Dask, {workers} workers, 1 killed", lambda: by_dask(paths, workers, kill=True))
+    row("one, without Dask", base, peak_memory())
+    run("1 worker of Dask", lambda: by_dask(paths, 1))
+    run(f"{workers} workers", lambda: by_dask(paths, workers))
+    run(f"{workers} workers, one killed on the way", lambda: by_dask(paths, workers, kill=True))
     if s3:
         with s3_of(files) as urls:
-            run(f"Dask, {workers} workers, S3", lambda: by_dask(urls, workers))
+            run(f"{workers} workers, files in S3", lambda: by_dask(urls, workers))
+    print_table(["processes", "seconds", "speed-up", "M samples/s", "peak of a worker, MiB"], rows)
+    if write:
+        write_rows("spectra", rows)
 
 
 if __name__ == "__main__":

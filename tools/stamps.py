@@ -1,8 +1,8 @@
 """Simulated stamps of messages: how many of their rows hapfmt puts on a wrong tick.
 
-python tools/stamps.py
+python tools/stamps.py [--write]
 
-Prints Markdown, the table in docs/files-and-formats.md: the largest share of several runs.
+Prints the table in docs/files-and-formats.md: the largest share of several runs.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from typing import NamedTuple
 
 import installed  # noqa: F401
 
+import click
 import numpy as np
+from measured import print_table, write_rows
 from numpy.typing import NDArray
 
 from hapfmt.convert.timestamps import place
@@ -98,18 +100,24 @@ def cell(publisher: Publisher, *, numbered: bool = False) -> str:
     return ", ".join(words)
 
 
-def lines(delays: tuple[tuple[float, bool], ...] = DELAYS) -> Iterator[str]:
-    yield " | ".join(["| jitter, periods", "rows in bursts", *LOSSES, NUMBERED + " |"])
-    yield "|---|--:|" + "--:|" * (len(LOSSES) + 1)
+def rows(delays: tuple[tuple[float, bool], ...] = DELAYS) -> Iterator[list[str]]:
     for jitter, late in delays:
         for bursts in BURSTS:
             changed = {"jitter": jitter, "late": late, "bursts": bursts}
             cells = [cell(each._replace(**changed)) for each in LOSSES.values()]
             cells.append(cell(LOSSES["1 %"]._replace(**changed), numbered=True))
             how = f"{jitter:g} {'late' if late else 'early or late'}"
-            yield f"| {how} | {1200 * bursts:.1f} % | {' | '.join(cells)} |"
+            yield [how, f"{1200 * bursts:.1f} %", *cells]
+
+
+@click.command(help=__doc__)
+@click.option("--write", is_flag=True, help="Put the table into docs/files-and-formats.md.")
+def main(write: bool) -> None:
+    found = list(rows())
+    print_table(["jitter, periods", "rows in bursts", *LOSSES, NUMBERED], found)
+    if write:
+        write_rows("stamps", found)
 
 
 if __name__ == "__main__":
-    for line in lines():
-        print(line, flush=True)
+    main()

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from ..errors import DataWarning, ParameterError, channels_called
-from ..format.track import Component, Contract
 from ..numbers import counted
 from ..units import unit_text
 from .common import (
@@ -48,7 +47,7 @@ from .common import (
     threads_option,
     unit_option,
 )
-from .screen import JOINED, Column, Verb, note, say, table
+from .screen import JOINED, Column, Verb, joined, note, say, table
 
 if TYPE_CHECKING:
     from ..encoder.encode import Decision
@@ -57,31 +56,12 @@ if TYPE_CHECKING:
     from ..recording import Channel, Recording
     from ..writing.writer import Summary
 
-LOSSLESS = "lossless"
-
 
 def amount(value: float, unit: str, digits: int = 3) -> str:
     """A number with its unit, if it has one."""
     return f"{value:.{digits}g}{JOINED}{unit_text(unit)}".rstrip()
 
 
-def bound_text(contract: Contract | None, component: Component, index: int) -> str:
-    """How far a decoded sample may be from the recorded one."""
-    a, _, d = component.calibration
-    moved = component.deviation[1] if component.deviation else 0.0
-    if contract is None:
-        return f"within {amount(moved, component.unit)}" if moved else LOSSLESS
-    floor = contract.floor[min(index, len(contract.floor) - 1)]
-    least = amount(floor * abs(a / d) + moved, component.unit)
-    aim = "" if contract.guaranteed else ", an aim"
-    vector = " of the vector" if contract.vector else ""
-    if not contract.kn:
-        return f"within {least}{vector}{aim}"
-    return f"{100 * contract.kn / contract.kd:.3g}{JOINED}%{vector}, at least {least}{aim}"
-
-
-EXACT_DB = 150.0
-"""Only rounding to double precision is left."""
 MISSED_DB = 3.0
 """A band of a synthetic texture that is further off is named."""
 NAMED = 3
@@ -109,16 +89,19 @@ class ChannelRow:
     snr_db: float | None
     st_sim: float | None
     level_db: float | None
+    missed: str
 
     @property
     def texture(self) -> str:
         """The quality that was reached; of neighbours the lowest."""
+        from ..encoder.settings import EXACT_DB, NO_TEXTURE
+
         if self.level_db is not None:
             return f"level{JOINED}{self.level_db:+.1f}{JOINED}dB"
         if self.st_sim is not None:
             return f"ST-SIM{JOINED}{self.st_sim:.3f}"
         if self.snr_db is None:
-            return ""
+            return "none" if self.missed == NO_TEXTURE else ""
         return "exact" if self.snr_db > EXACT_DB else f"{self.snr_db:.1f}{JOINED}dB"
 
     @property
@@ -132,7 +115,7 @@ class ChannelRow:
         error = amount(self.largest_error, self.unit) if self.largest_error else "0"
         return [
             self.label,
-            re.sub(r" (?=\d|%|dB)", JOINED, self.kept_as),
+            joined(self.kept_as),
             f"{8 * self.size / self.sample_count:.2f}" if self.sample_count else "-",
             str(self.size),
             error,
@@ -183,10 +166,9 @@ def show(
 
 
 def row_of(each: Decision) -> ChannelRow:
-    kept_as = each.kept_as or ("lossless" if each.exact else each.chosen)
     return ChannelRow(
         name_of(each),
-        kept_as,
+        each.kept_as,
         each.unit,
         each.sample_count,
         each.size,
@@ -195,6 +177,7 @@ def row_of(each: Decision) -> ChannelRow:
         each.snr_db,
         each.st_sim,
         each.level_db,
+        each.missed,
     )
 
 
@@ -234,8 +217,22 @@ def name_of(each: Decision) -> str:
     return each.label or f"channel {each.channel}"
 
 
+NUMBER = re.compile(r"(?<= )\d[^ ,]*")
+
+
+def merged(texts: list[str]) -> str:
+    """Texts that differ by their numbers, as one: within 1 to 2 N."""
+    numbers = iter(zip(*map(NUMBER.findall, texts), strict=True))
+
+    def ends(_: re.Match[str]) -> str:
+        found = sorted(set(next(numbers)), key=float)
+        return found[0] if len(found) == 1 else f"{found[0]} to {found[-1]}"
+
+    return NUMBER.sub(ends, texts[0])
+
+
 def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
-    for _, run in groupby(rows, lambda row: (row.kept_as, row.unit)):
+    for _, run in groupby(rows, lambda row: (NUMBER.sub("", row.kept_as), row.unit)):
         members = list(run)
         if len(members) < 3:
             yield from members
@@ -243,6 +240,7 @@ def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
         yield replace(
             members[0],
             label=f"{members[0].label} and {len(members) - 1} more",
+            kept_as=merged([row.kept_as for row in members]),
             sample_count=sum(row.sample_count for row in members),
             size=sum(row.size for row in members),
             largest_error=max(row.largest_error for row in members),

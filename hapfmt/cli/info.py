@@ -22,7 +22,7 @@ from ..format.track import Contract, Track
 from ..format.wire import id_text
 from ..limits import Limits
 from ..numbers import counted
-from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError, TrackPair
+from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError
 from ..reading.follow import Follower
 from ..reading.opening import open_catalogue
 from ..units import unit_text
@@ -38,9 +38,8 @@ from .common import (
     schema_option,
     tell_some,
 )
-from .encode import bound_text
 from .foreign import events_json, show_events, show_foreign, show_formats
-from .screen import JOINED, Column, Verb, clipped, complain, raw, say, table, width_of
+from .screen import JOINED, Column, Verb, clipped, complain, joined, raw, say, table, width_of
 
 
 def follow_file(file: str, interval: float, as_json: bool) -> int:
@@ -275,6 +274,7 @@ def channel_json(ref: ChannelRef) -> dict[str, Any]:
             for t in ref.tracks
         ],
         "contract": contract and contract_json(contract, ref.index),
+        "kept_as": unsupported_of(ref) or ref.kept_as,
         "deviation": component.deviation
         and {"declared": component.deviation[0], "largest": component.deviation[1]},
         "exact": any(track.codec == "LPCX" for track in ref.tracks),
@@ -346,7 +346,7 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
     if rows:
         headers = [
             Column("label"), Column("#", 4), Column("unit", 2), Column("rate, Hz", 1),
-            Column("step", 3), Column("error bound"), Column("codecs", 5),
+            Column("step", 3), Column("kept as"), Column("codecs", 5),
         ]  # fmt: skip
         table(headers, rows)
     for layer in catalogue.layers:
@@ -426,30 +426,12 @@ def channel_row(ref: ChannelRef) -> list[str]:
     a, _, d = component.calibration
     step = f"{a / d:.6g}" if ref.track.number_format == "counts" else ref.track.number_format
     codings = [" + ".join(f"{t.codec} {t.kind}" for t in part.tracks) for part in ref.parts]
-    bounds = [
-        part_text(part, ref.index) for part in ref.parts if ref.index < len(part.track.components)
-    ]
     return [
         component.label or f"channel {ref.number}",
         str(ref.number),
         unit_text(component.unit) or "-",
         str(rate.numerator) if rate.denominator == 1 else f"{float(rate):.6g}",
         step,
-        unsupported_of(ref) or each_once(bounds),
-        each_once(codings),
+        unsupported_of(ref) or joined(ref.kept_as),
+        ", then ".join(text for text, _ in groupby(codings)),
     ]
-
-
-def part_text(part: TrackPair, index: int) -> str:
-    """The error bound of a part; a texture from a model has none, its slow part may."""
-    component = part.track.components[index]
-    if not part.synthetic:
-        return bound_text(part.contract, component, index)
-    if part.track.contract is None:
-        return "synthetic texture"
-    return f"slow part {bound_text(part.track.contract, component, index)}, synthetic texture"
-
-
-def each_once(texts: list[str]) -> str:
-    """The texts of tracks that continue one another, without repeats."""
-    return ", then ".join(text for text, _ in groupby(texts))

@@ -31,6 +31,11 @@ closed: set[int] = set()
 """Standard streams that were closed before this program began."""
 
 
+def joined(text: str) -> str:
+    """Return the text with each number joined to its unit."""
+    return re.sub(r"(?<=\d) (?=\S)", JOINED, text)
+
+
 def printable(text: str) -> str:
     """Text without what could steer a terminal or forge a line: C0 and C1 controls, DEL, line
     breaks, bidirectional controls, lone surrogates."""

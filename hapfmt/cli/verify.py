@@ -26,8 +26,8 @@ from .common import (
     verbose_option,
     way_out,
 )
-from .encode import amount, bound_text
-from .screen import Column, Verb, complain, say, table
+from .encode import amount
+from .screen import Column, Verb, complain, joined, say, table
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -106,7 +106,7 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
         checks = report.contracts
         # On a narrow terminal, columns of zeros go first; the last line names them.
         headers = [
-            Column("label"), Column("#", 9), Column("error bound"),
+            Column("label"), Column("#", 9), Column("kept as"),
             Column("outside", 0 if any(check.outside for check in checks) else 5),
             Column("largest error"), Column("% of bound", 1), Column("% of range", 2),
             Column("samples", 8),
@@ -133,15 +133,12 @@ def name_of(check: ContractCheck) -> str:
 
 
 def row_of(check: ContractCheck) -> list[str]:
-    bound = bound_text(check.contract, check.component, check.index).removeprefix("within ")
-    if check.synthetic:
-        bound = "synthetic texture"
     return [
         name_of(check),
         str(check.channel),
-        bound,
+        joined(check.kept_as),
         str(check.outside),
-        amount(check.largest_error, check.component.unit) if check.largest_error else "0",
+        amount(check.largest_error, check.unit) if check.largest_error else "0",
         of_bound(check),
         percent(check.largest_error, check.extent),
         str(check.samples),

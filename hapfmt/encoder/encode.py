@@ -25,6 +25,7 @@ from ..errors import FormatError, MissingExtraError, ParameterError
 from ..format.cluster import Packet
 from ..format.track import Track
 from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
+from ..reading.catalogue import TrackPair
 from ..reading.decoder import TrackDecoder
 from ..recording import Channel, Recording
 from ..threads import in_order, thread_count
@@ -91,11 +92,11 @@ longer ones it tries it where it may win."""
 class Decision:
     """What became of one channel.
 
-    ``kept_as`` says what is kept in plain words, ``reason`` how. ``unit``: the channel's.
-    ``largest_error``: of all samples, decoded against recorded, in that unit. ``relative_error``:
-    its share of the range, glitches left out; 0 where there is no error or no range.
-    ``original_bits`` of one sample as it came. ``exact``: the track is stored without loss (on its
-    grid, see ``lattice``); ``within``: every sample was found within the bound of the track.
+    ``kept_as``: what the file states of the samples; ``reason``: how they are coded. ``unit``: the
+    channel's. ``largest_error``: of all samples, decoded against recorded, in that unit.
+    ``relative_error``: its share of the range, glitches left out; 0 without an error or a range.
+    ``original_bits`` of one sample as it came. ``exact``: the track is stored without loss (on
+    its grid, see ``lattice``); ``within``: every sample was found within the bound of the track.
     ``axis_count`` channels share a vector. ``size`` in bytes, of packets and codebooks.
     ``snr_db``, ``st_sim``: the quality of the texture as decoded, without silent stretches; None
     where no texture is kept, or where it was not measured. ``level_db``, ``band_db``: how much
@@ -568,8 +569,8 @@ def decide(
 ) -> Iterator[Decision]:
     """What is reported of each channel of a unit; the bytes of a vector in equal parts."""
     unit, count = part.unit, len(part.members)
-    contract = (unit.residual or unit.base).track.contract
-    within = unit.exact or bool(contract and contract.guaranteed)
+    pair = TrackPair(unit.base.track, unit.residual.track if unit.residual else None)
+    within = unit.exact or bool(pair.contract and pair.contract.guaranteed)
     shares = unit.parts or ((unit.reason, unit.size // count),) * count
     sources = recording.channels if unit.instead else originals
     errors = largest_errors(
@@ -581,7 +582,6 @@ def decide(
         number = part.first + place
         reason, size = shares[place]
         given = recording.channels[number]
-        kept_as = unit.kept_as or each.promise.kept_as
         whys = [each.promise.why, "" if unit.instead else notes[place]]
         why = ", ".join(why for why in whys if why and why != reason)
         missed = unit.missed
@@ -599,7 +599,7 @@ def decide(
             within=within,
             size=size,
             unit=given.unit,
-            kept_as=kept_as,
+            kept_as=pair.kept_as(place),
             largest_error=errors[place],
             relative_error=share_of_range(errors[place], given),
             original_bits=8 * (given.stored if given.exact is None else given.exact).itemsize,
@@ -677,7 +677,7 @@ def encode_source(
     elif len(members) > 1:
         joint = encode_bounded(source, base, vector_promise(settings))
         assert joint
-        unit = replace(joint, kept_as=vector_promise(settings).kept_as)
+        unit = joint
     elif promise.texture is not None:
         found = encode_textured(source, original, first_channel, promise, settings.cutoff_hz)
         unit = found or without_loss(original, first_channel, job)
@@ -694,7 +694,7 @@ def without_loss(original: Channel, first_channel: int, job: EncodeJob) -> Unit:
     """A texture whose quality no grid has."""
     exact = on_grid(original, Promise(), job.settings, job.searches[first_channel])
     unit = encode_unit([exact], first_channel, job)
-    return replace(unit, kept_as="lossless", grid=exact.text, missed="only lossless has it")
+    return replace(unit, grid=exact.text, missed="only lossless has it")
 
 
 def encode_within(

@@ -54,8 +54,6 @@ CLOCK_LABEL = re.compile(
 
 KNOWN_QUANTITIES = frozenset(QUANTITY_OF_UNIT.values())
 
-LOSSLESS = "lossless"
-
 
 @dataclass(frozen=True)
 class Promise:
@@ -63,16 +61,14 @@ class Promise:
 
     floor: every sample is within max(k * |x|, floor) of the recorded one; None: every bit is kept.
     texture: quality of the texture; max(k * |x|, floor) then holds for the slow part. None: it
-    holds for every sample. enough: kept_as where errors within the floor are enough. paper: the
-    method of the paper, which promises nothing. kept_as and why: for the user.
+    holds for every sample. paper: the method of the paper, which promises nothing. why: for the
+    user.
     """
 
     floor: Tolerance | None = None
     k: Fraction = Fraction(0)
     texture: TextureQuality | None = None
-    enough: str = ""
     paper: bool = False
-    kept_as: str = LOSSLESS
     why: str = ""
 
     @property
@@ -169,7 +165,8 @@ def idle_options(
     if settings.departures(["k"]):
         fractions = {promise.k for promise in promises if promise.k}
         if fractions and settings.k not in fractions:
-            yield f"k does nothing here: it is at most {percent(max(fractions))} for velocities"
+            most = float(100 * max(fractions))
+            yield f"k does nothing here: it is at most {most:g} % for velocities"
     for name in settings.felt or () if settings.felt != ALL else ():
         for number in called_felt(name, channels):
             channel = channels[number]
@@ -245,13 +242,12 @@ def promise_of(channel: Channel, settings: Settings, *, felt: bool | None = None
     threshold = absolute_threshold(channel, settings)
     if threshold is not None and x.size and float(np.abs(x).max()) <= threshold.value:
         text = f"{threshold.value:g} {channel.unit}"
-        return Promise(threshold, kept_as=f"within {text}", why=f"silent: nothing above {text}")
+        return Promise(threshold, why=f"silent: nothing above {text}")
     return felt_promise(channel, settings)
 
 
 def bound_promise(settings: Settings) -> Promise:
-    text = amount_text(settings.max_error)
-    return Promise(settings.max_error, kept_as=f"within {text}")
+    return Promise(settings.max_error)
 
 
 def felt_promise(channel: Channel, settings: Settings) -> Promise:
@@ -259,18 +255,12 @@ def felt_promise(channel: Channel, settings: Settings) -> Promise:
     limit = WEBER_LIMITS.get(quantity) if settings.felt is None else None
     k = settings.k if limit is None else min(settings.k, limit)
     floor = settings.deadband_floor
-    kept_as = f"deadband {percent(k)}" if k else f"within {amount_text(floor)}"
     textured = settings.texture and channel.rate_exact > 2 * settings.cutoff_hz
-    texture = settings.target if textured else None
-    if texture is not None:
-        kept_as += f", {texture.text}"
     why = f"{quantity}: " if quantity else ""
     return Promise(
         floor,
         k,
-        texture,
-        enough=f"within {amount_text(floor)}",
-        kept_as=kept_as,
+        settings.target if textured else None,
         why=f"{why}threshold {amount_text(floor)}",
     )
 
@@ -281,7 +271,6 @@ def vector_promise(settings: Settings) -> Promise:
     return Promise(
         floor,
         settings.k,
-        kept_as=f"deadband {percent(settings.k)} of the vector",
         why=f"vector: threshold {amount_text(floor)}",
     )
 
@@ -294,7 +283,7 @@ def paper_promise(channel: Channel, settings: Settings) -> Promise:
         floor = RANGE_FLOOR if newtons is None else Tolerance(float(newtons))
         if newtons is None:
             why = f"threshold {amount_text(floor)}: the paper's 10 mN is for forces only"
-    return Promise(floor, settings.k, paper=True, kept_as="paper", why=why)
+    return Promise(floor, settings.k, paper=True, why=why)
 
 
 def called(channel: Channel) -> str:
@@ -364,10 +353,6 @@ def absolute_threshold(channel: Channel, settings: Settings) -> Tolerance | None
         return Tolerance(settings.floor.in_unit(channel.unit)) if absolute else None
     newtons = FORCE_FLOORS.get(channel.unit) if quantity == "force" else None
     return None if newtons is None else Tolerance(float(newtons))
-
-
-def percent(k: Fraction) -> str:
-    return f"{float(100 * k):g} %"
 
 
 def amount_text(amount: Tolerance) -> str:

@@ -147,14 +147,12 @@ class TextureQuality:
 
     drops_silence: textures below the absolute threshold are left out, in whole channels and in
     stretches. threshold_is_enough: errors below it are allowed, although the quality asks for less.
-    text: in the words of the table.
     """
 
     snr: float | None = TEXTURE_DB
     st_sim: float | None = None
     drops_silence: bool = True
     threshold_is_enough: bool = True
-    text: str = "texture"
     synthetic: bool = False
     """Whether a model takes the place of the samples."""
     codec: TextureCodec | None = None
@@ -237,6 +235,10 @@ RANGE_ERROR = Tolerance(0.001, "range")
 """The largest error of preset near-lossless, where none is given."""
 
 PAPER_BITS = 5
+
+NO_TEXTURE = "no texture above the threshold"
+EXACT_DB = 150.0
+"""A texture with a higher signal-to-noise ratio differs by rounding to double precision alone."""
 
 REACHED = " (texture "
 """In the metadata "encoder", before the quality of textures."""
@@ -425,21 +427,16 @@ class Settings:
     @property
     def _quality(self) -> TextureQuality:
         if self.synthetic_texture:
-            return TextureQuality(
-                threshold_is_enough=False, text="synthetic texture", synthetic=True
-            )
+            return TextureQuality(threshold_is_enough=False, synthetic=True)
         if self.snr is not None:
-            text = f"texture {self.snr:g} dB"
-            return TextureQuality(self.snr, None, False, False, text)
+            return TextureQuality(self.snr, None, False, False)
         if self.st_sim is not None:
-            return TextureQuality(
-                None, self.st_sim, False, False, f"texture ST-SIM {self.st_sim:g}"
-            )
+            return TextureQuality(None, self.st_sim, False, False)
         if self.bitrate is not None:
             return TextureQuality(threshold_is_enough=False)
         db = QUALITIES[self.quality or "medium"]
         enough = self.quality != "high"
-        return TextureQuality(db, threshold_is_enough=enough, text=f"texture {db:g} dB")
+        return TextureQuality(db, threshold_is_enough=enough)
 
     @classmethod
     def of(cls, preset: str = "lossless", **given: Any) -> Settings:

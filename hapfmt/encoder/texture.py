@@ -22,7 +22,7 @@ from ..recording import Calibration, Channel
 from .bounded import code_lines, encode_bounded
 from .felt import Doubles, FeltChannel, counts_nearest, slow_of
 from .plan import Promise
-from .settings import CLOSE
+from .settings import CLOSE, NO_TEXTURE
 from .source import InputBlock
 from .synthetic import with_synthetic
 from .unit import Unit, bound_of, decode_all, in_coarser_counts, whole_range
@@ -64,14 +64,13 @@ def encode_textured(
     alone = encode_bounded(source, base, promise)
     assert alone
     if felt.silent if target.drops_silence else felt.smooth:
-        kept_as = promise.kept_as.replace(target.text, NO_TEXTURE)
-        return replace(alone, kept_as=kept_as, missed=NO_TEXTURE)
+        return replace(alone, missed=NO_TEXTURE)
     if target.synthetic:
         return encode_synthetic(felt, first_channel, promise)
     if felt.fine and target.threshold_is_enough:
         unit = encode_bounded(source, base, replace(promise, k=Fraction(0)))
         assert unit
-        return reported(replace(unit, kept_as=promise.enough), felt, decoded(unit), THRESHOLD)
+        return reported(unit, felt, decoded(unit), THRESHOLD)
     best: Unit | None = None
     samples = decoded(alone)
     if felt.holds(samples):
@@ -83,7 +82,7 @@ def encode_textured(
         unit = trial.code(best.cost if best else None)
         if unit and (best is None or unit.cost < best.cost):
             best = reported(unit, felt, trial.samples, DEADBAND if trial.limited else FINER_WINS)
-    return best and replace(best, kept_as=promise.kept_as)
+    return best
 
 
 def encode_synthetic(felt: FeltChannel, first_channel: int, promise: Promise) -> Unit | None:
@@ -115,7 +114,7 @@ def encode_synthetic(felt: FeltChannel, first_channel: int, promise: Promise) ->
         return None
     assert unit.residual
     y = calibration.physical(decode_all(unit.base, 1)[:, 0] + decode_all(unit.residual, 1)[:, 0])
-    return replace(unit, kept_as=promise.kept_as, reached=levels_of(felt, y))
+    return replace(unit, reached=levels_of(felt, y))
 
 
 def for_a_model(felt: FeltChannel) -> InputBlock:
@@ -142,7 +141,6 @@ def levels_of(felt: FeltChannel, y: Doubles) -> dict[str, float]:
     return {"level_db": whole, "band_db": db, "band_low_hz": low, "band_high_hz": high}
 
 
-NO_TEXTURE = "no texture above the threshold"
 DEADBAND = "the deadband of the slow part asks for more"
 FINER_WINS = "no coarser step is smaller"
 THRESHOLD = "errors stay below the threshold"

@@ -164,9 +164,6 @@ class Unit:
     channels: tuple[Channel, ...] = ()
     """As they were coded, where that is not as they were prepared."""
 
-    kept_as: str = ""
-    """How the unit is kept, where that differs from the promise."""
-
     reached: dict[str, float] = field(default_factory=dict)
     """The quality of the texture as decoded: snr_db, st_sim; of a model level_db and band_db."""
 

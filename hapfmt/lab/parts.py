@@ -44,6 +44,8 @@ class Described:
     synthetic: bool = False
     deviation: float = 0.0
     """Largest distance of the source from the grid of counts, in the channel's unit."""
+    kept_as: str = ""
+    """What the file states of the samples; empty where there is no file."""
 
     @property
     def name(self) -> str:
@@ -270,6 +272,7 @@ def describe(ref: ChannelRef, reader: Reader) -> Described:
         any(each.track.kind == "lf" and each.residual for each in ref.parts),
         ref.synthetic,
         max((track.components[ref.index].deviation or (0, 0))[1] for track in ref.tracks),
+        ref.kept_as,
     )  # fmt: skip
 
 

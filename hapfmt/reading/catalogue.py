@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
+from itertools import groupby
 from typing import Any, NamedTuple, TypeVar
 
 from ..clocks import ClockMap, ClockObservation
@@ -33,6 +34,7 @@ from ..format.track import Contract, Track, TrackTable, described_size, parse_de
 from ..format.walk import Chunk, Finding, read_chunk
 from ..format.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
 from ..limits import LEVELS, Level, Limits
+from ..units import unit_text
 
 T = TypeVar("T", ClockChunk, ClockMapChunk)
 COMPONENT_SIZE = 1 << 10
@@ -108,6 +110,34 @@ class TrackPair(NamedTuple):
         """Whether the texture comes from a model (NOI-002)."""
         return any(track.synthetic for track in self.tracks)
 
+    def kept_as(self, index: int) -> str:
+        """Say what the file states of the samples of the component ``index``."""
+        if not self.synthetic:
+            return bound_text(self.track, self.contract, index)
+        if self.track.contract is None:
+            return "synthetic texture"
+        return f"slow part {bound_text(self.track, self.track.contract, index)}, synthetic texture"
+
+
+def bound_text(track: Track, contract: Contract | None, index: int) -> str:
+    """Say how far a decoded sample may be from the recorded one. Without a contract it is on the
+    grid, and as far as the source was from that (DBC-004)."""
+    component = track.components[index]
+    a, _, d = component.calibration
+    moved = component.deviation[1] if component.deviation else 0.0
+    if contract is None and not moved:
+        return "lossless"
+    # A track that this version does not support may have fewer entries.
+    floor = 0 if contract is None else contract.floor[min(index, len(contract.floor) - 1)]
+    least = f"{floor * abs(a / d) + moved:.3g} {unit_text(component.unit)}".rstrip()
+    if contract is None:
+        return f"within {least}"
+    vector = " of the vector" if contract.vector else ""
+    aim = "" if contract.guaranteed else ", an aim"
+    if not contract.kn:
+        return f"within {least}{vector}{aim}"
+    return f"deadband {100 * contract.kn / contract.kd:.3g} %{vector}, at least {least}{aim}"
+
 
 @dataclass(frozen=True)
 class ChannelRef:
@@ -138,6 +168,12 @@ class ChannelRef:
     @property
     def label(self) -> str:
         return self.track.components[self.index].label
+
+    @property
+    def kept_as(self) -> str:
+        """What the file states of the samples, part by part, without repeats."""
+        parts = [part for part in self.parts if self.index < len(part.track.components)]
+        return ", then ".join(text for text, _ in groupby(p.kept_as(self.index) for p in parts))
 
 
 @dataclass

@@ -35,7 +35,7 @@ from ..format.extras import (
     parse_foot,
     parse_index,
 )
-from ..format.track import Component, Contract, lone_lf, unsupported_track
+from ..format.track import Contract, lone_lf, unsupported_track
 from ..format.walk import read_chunk
 from ..format.wire import HEADER_SIZE
 from ..limits import TICK_LIMIT, Limits
@@ -55,7 +55,7 @@ class ContractCheck:
     ``outside`` lie outside the deadband, or differ at all where there is no contract;
     ``worst_ratio`` is the largest error in deadbands, ``largest_error`` in the channel's unit;
     ``moved`` the largest distance of the source from its grid, ``stated`` what the file says;
-    ``component``: of this track, at this ``index``.
+    ``kept_as``: what the file states of the samples.
     """
 
     channel: int
@@ -70,8 +70,8 @@ class ContractCheck:
     largest_error: float
     moved: float
     stated: float
-    component: Component
-    index: int
+    unit: str
+    kept_as: str
     extent: float = 0.0
     """Largest less smallest value of the original."""
     synthetic: bool = False
@@ -113,7 +113,8 @@ class ContractCheck:
             "worst_ratio": float(self.worst_ratio),
             "largest_error": self.largest_error,
             "range": self.extent,
-            "unit": self.component.unit,
+            "unit": self.unit,
+            "kept_as": self.kept_as,
             "moved": self.moved,
             "stated": self.stated,
         }
@@ -199,10 +200,10 @@ def check_track(members: Sequence[ExpectedPart]) -> list[ContractCheck]:
         ContractCheck(
             ref.number, part.track.id, ref.label, contract, int(pair.x.size), pair.missing,
             pair.invented, outside + pair.far, ratio, pair.largest_error, pair.moved,
-            y.deviation.largest if y.deviation else 0.0, owner.track.components[ref.index],
-            ref.index, pair.extent, part.synthetic,
+            y.deviation.largest if y.deviation else 0.0, ref.track.components[ref.index].unit,
+            part.kept_as(ref.index), pair.extent, part.synthetic,
         )
-        for (ref, owner, _, y), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
+        for (ref, _, _, y), pair, (outside, ratio) in zip(members, pairs, judged, strict=True)
     ]  # fmt: skip
 
 

@@ -37,14 +37,16 @@ from ..encoder.live import (
     choose_exact,
     plan_input,
 )
-from ..encoder.plan import amount_text, check_error, median3
+from ..encoder.plan import check_error, median3
 from ..encoder.settings import Settings, Tolerance, counts_of
 from ..encoder.unit import STEP_LIMIT
 from ..errors import DataWarning, LimitError, ParameterError
 from ..files import refuse, target
 from ..format.cluster import Packet
+from ..format.track import Track
 from ..format.wire import check_file_id
 from ..limits import LEVELS, TICK_LIMIT, Limits
+from ..reading.catalogue import ChannelRef, TrackPair
 from ..recording import Calibration, Recording
 from ..threads import thread_count
 from .clusters import Clusters, SamplePiece, SampleRows, pieces_of
@@ -297,8 +299,9 @@ class ImportedChannel:
         except ParameterError:
             return None
 
-    def decision(self) -> Decision:
-        unit, exact = self.source.unit, not self.bounded
+    def decision(self, tracks: Iterable[Track]) -> Decision:
+        """The report on this channel; tracks: all of the file."""
+        parts = [TrackPair(t, None) for t in tracks if t.first_channel == self.number]
         forms: dict[type, str] = {ExactEncoder: "exact", WordsEncoder: "raw"}
         return Decision(
             channel=self.number,
@@ -308,11 +311,11 @@ class ImportedChannel:
             chosen=forms.get(type(self.encoder), "predicted"),
             reason="encoded while it was read",
             lattice="as recorded" if self.takes_counts else "stored as it came",
-            exact=exact,
+            exact=not self.bounded,
             within=True,
             size=self.size,
-            unit=unit,
-            kept_as="lossless" if exact else f"within {amount_text(self.settings.max_error)}",
+            unit=self.source.unit,
+            kept_as=ChannelRef(self.number, 0, tuple(parts)).kept_as,
             largest_error=self.largest_error,
             relative_error=self.largest_error / self.extent if self.extent else 0.0,
             original_bits=8 * self.source.dtype.itemsize,
@@ -582,7 +585,7 @@ class Importer:
             self.writer.offset,
             self.payload,
             sum(column.sample_count for column in self.columns),
-            tuple(column.decision() for column in self.columns),
+            tuple(column.decision(self.writer.tracks.values()) for column in self.columns),
             overview_size,
         )
 

@@ -18,6 +18,7 @@ from ..codecs.events import coded, event_packets, layer_track, rate_of
 from ..convert import refuse_foreign
 from ..encoder.encode import Decision, Encoded, encode
 from ..encoder.settings import (
+    EXACT_DB,
     INPUT,
     INPUT_SIZE,
     REACHED,
@@ -295,13 +296,17 @@ _REACHED = (("snr_db", "", " dB"), ("st_sim", "ST-SIM ", ""), ("level_db", "leve
 
 
 def reached(decisions: Sequence[Decision]) -> str:
-    """The quality of textures, for the metadata: " (texture 20.1 to 20.3 dB)"."""
+    """The quality of textures, for the metadata: " (texture 20.1 to 20.3 dB, 1 exact)"."""
+    exact = sum((each.snr_db or 0) > EXACT_DB for each in decisions)
+    decisions = [each for each in decisions if (each.snr_db or 0) <= EXACT_DB]
     texts = []
     for name, before, after in _REACHED:
         found = [value for each in decisions if (value := getattr(each, name)) is not None]
         if found:
             ends = dict.fromkeys((f"{min(found):.4g}", f"{max(found):.4g}"))
             texts.append(before + " to ".join(ends) + after)
+    if exact:
+        texts.append(f"{exact} exact" if texts else "exact")
     return f"{REACHED}{', '.join(texts)})" if texts else ""
 
 

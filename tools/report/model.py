@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import texture_rates
+from measured import write_rows
 from texture_rates import APART_S, SAMPLES, Coded, Texture, nois, slow_track
 
 from hapfmt.metrics import band_energy_error_db, snr_hf_db
@@ -41,6 +42,9 @@ THRESHOLD = "1%"
 SHOWN = ("paper", "LPCR", "MDCT")
 
 MODEL = "model"
+SHOWN_ORDERS = (0, 2, 8, 16, 32)
+"""Those of docs/synthetic-textures.md."""
+
 BESIDE = ["recording", "codec", "step / standard deviation", "bit/s", "error of band energies, dB",
           "SNR above 20 Hz, dB"]  # fmt: skip
 
@@ -80,6 +84,8 @@ def section(options: Options) -> Section:
         options.progress(f"model: {texture.name}")
     if not found:
         raise CannotRunError("no texture could be measured")
+    if options.write:
+        write_rows("orders", order_rows(found))
     return Section(
         "Texture from a model",
         text_of(found, others),
@@ -90,6 +96,19 @@ def section(options: Options) -> Section:
         [picture(found), picture_beside(others)],
         {"orders": [row._asdict() for row in found], "beside": [r._asdict() for r in others]},
     )
+
+
+def order_rows(found: Sequence[Modelled]) -> list[list[str]]:
+    """One row for each texture, for the page."""
+    rows = []
+    for name in dict.fromkeys(row.name for row in found):
+        own = {row.order: row for row in found if row.name == name}
+        taken = next(row for row in own.values() if row.chosen)
+        errors = [f"{own[order].error_db:.1f}" for order in SHOWN_ORDERS]
+        size = [f"{taken.order}", f"{taken.bits_per_s:.0f}"]
+        ends = [f"{taken.error_db:.1f}", f"{taken.own_db:.1f}"]
+        rows.append([f"{name}, {taken.rate_hz:g} Hz", *errors, *size, *ends])
+    return rows
 
 
 def textures(options: Options) -> Iterator[Texture]:

@@ -99,10 +99,16 @@ def write(out: Path, about: dict[str, str], parts: Sequence[Part]) -> None:
 @click.option("--data", type=click.Path(exists=True, file_okay=False, path_type=Path),
               help="A folder of recordings.  [../shared/data, where there is one]")  # fmt: skip
 @click.option("--no-data", is_flag=True, help="Simulated scenes alone.")
+@click.option(
+    "--write",
+    "to_docs",
+    is_flag=True,
+    help="Put the table of the model into docs/synthetic-textures.md.",
+)
 @click.option("-o", "--output", "out", type=click.Path(file_okay=False, path_type=Path),
               default=ROOT / "build" / "report", help="A folder for what is written.")  # fmt: skip
 def main(
-    quick: bool, only: tuple[str, ...], data: Path | None, no_data: bool, out: Path
+    quick: bool, only: tuple[str, ...], data: Path | None, no_data: bool, to_docs: bool, out: Path
 ) -> None:  # fmt: skip
     if unknown := set(only) - set(SECTIONS):
         raise click.BadParameter(f"no section {', '.join(sorted(unknown))}", param_hint="--only")
@@ -114,7 +120,7 @@ def main(
         click.echo(f"[{time.monotonic() - began:4.0f} s] {name}: {line}", err=True)
 
     folder = None if no_data else data or (DATA if DATA.is_dir() else None)
-    options = Options(folder, quick, out, progress)
+    options = Options(folder, quick, out, progress, to_docs)
     parts: list[Part] = []
     try:
         for name in only or known():

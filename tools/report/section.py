@@ -65,12 +65,13 @@ class Section(NamedTuple):
 
 class Options(NamedTuple):
     """data: a folder of recordings, or None. quick: seconds in place of minutes. progress: a line
-    for the one who waits."""
+    for the one who waits. write: tables of the pages are renewed."""
 
     data: Path | None = None
     quick: bool = False
     out: Path = Path("report")
     progress: Callable[[str], None] = lambda _line: None
+    write: bool = False
 
 
 class CannotRunError(Exception):

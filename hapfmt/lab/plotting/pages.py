@@ -386,18 +386,12 @@ def one_unit(views: Sequence[ChannelView]) -> str:
 
 
 def channel_name(view: ChannelView, *, unit: str = "") -> str:
-    """Label, unit, and the largest error: measured if there is an original, else allowed."""
+    """Label, unit, and the largest error if there is an original, else what the file states."""
     name = plain(view.channel.name) + (f" in {unit}" if unit else "")
     if view.errors is not None and view.errors.total:
         largest = view.errors.largest
         return f"{name}: " + (f"largest error {amount(view, largest)}" if largest else "no error")
-    if view.bound:
-        return f"{name}: error at most {amount(view, view.bound)}"
-    channel = view.channel
-    if channel.has_deadband:
-        least = f", at least {amount(view, channel.floor)}" if channel.floor else ""
-        return f"{name}: deadband {100 * channel.weber:.3g} %{least}"
-    return name
+    return f"{name}: {plain(view.channel.kept_as)}" if view.channel.is_lossy else name
 
 
 def amount(view: ChannelView, value: float) -> str:

@@ -28,7 +28,7 @@ function boundOf(contract, track, component) {
   const { kn, kd, vector, guaranteed, floors } = contract;
   const least = amount(floors[Math.min(component, floors.length - 1)] * Math.abs(A / D) + moved, unit);
   const [aim, of] = [guaranteed ? '' : ', an aim', vector ? ' of the vector' : ''];
-  return kn ? `${threeDigits((100 * kn) / kd)}${JOINED}%${of}, at least ${least}${aim}` : `within ${least}${of}${aim}`;
+  return kn ? `deadband ${threeDigits((100 * kn) / kd)}${JOINED}%${of}, at least ${least}${aim}` : `within ${least}${of}${aim}`;
 }
 
 // A texture from a model has no bound, its slow part may.
