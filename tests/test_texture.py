@@ -394,13 +394,6 @@ class TestOneCodec:
         }
         assert sizes[None] <= min(sizes.values()) + 32  # the metadata name the option
 
-    @pytest.mark.parametrize("codec", [None, "MDCT"])
-    def test_without_the_extension_only_who_asks_gets_mdct(self, codec, monkeypatch):
-        monkeypatch.setattr("hapfmt.encoder.ways.compiled", None)
-        _, back, _ = decided(counted(texture()), snr=15, texture_codec=codec)
-        asked = decided(counted(texture()), snr=15, texture_codec=codec or "LPCR")[1]
-        assert np.array_equal(back.stored, asked.stored)
-
     @pytest.mark.parametrize("given", [{"texture": False}, {"synthetic_texture": True}])
     def test_what_does_not_go_together(self, given):
         with pytest.raises(ParameterError, match="needs a texture that is coded"):
