@@ -9,6 +9,7 @@ import click
 
 from ..errors import DAMAGED
 from .common import (
+    asked_of,
     echo_json,
     file_id_option,
     import_options,
@@ -19,6 +20,8 @@ from .common import (
     memory_option,
     options_by_input,
     progress,
+    refuse_format,
+    refuse_idle,
     schema_option,
     tell_some,
     threads_option,
@@ -70,6 +73,9 @@ def verify(
     """
     from ..reading.verifier import verify as verify_file
 
+    if against is None:
+        refuse_idle("requires --against", input_format=input_format, **asked_of(given))
+    refuse_format(input_format, against)
     options = options_by_input((against,), input_format, given)
     original = None
     if against:

@@ -51,7 +51,16 @@ from ..errors import LimitError, MovedTimesWarning, ParameterError
 from ..files import Closing
 from ..limits import TICK_LIMIT
 from ..numbers import checked_rate
-from ..recording import Channel, Event, Recording, index_of_channel, spans_at, spans_of, unique
+from ..recording import (
+    Channel,
+    Event,
+    Recording,
+    index_of_channel,
+    refuse_transpose,
+    spans_at,
+    spans_of,
+    unique,
+)
 from ..times import STEADY, TickGrid, TimeStamps, deviation_note, whole_ns
 from .common import (
     CHANNEL_LIMIT,
@@ -287,6 +296,7 @@ def _array_of(
         nameless = array.ndim == 2 or re.fullmatch(r"x(__\d+)?|arr_\d+", keys[0])
         named = [] if nameless else keys
         return list(doubles_2d(array, what, labelled=count, transpose=transpose)), named
+    refuse_transpose(transpose)
     if len(keys) > CHANNEL_LIMIT:
         raise LimitError(f"{len(keys)} channels, more than {CHANNEL_LIMIT}")
     rows = [_row(array, key) for key in keys if (array := archive.array(key)) is not None]
