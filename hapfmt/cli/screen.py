@@ -82,6 +82,7 @@ IN_OPTIONS = {
     "with texture=False and felt='all'": "--no-texture --felt all",
     "with texture=False": "with --no-texture",
     "with references=False": "with --no-references",
+    "read the original with keep_stamps=True": "add --keep-stamps",
     "(max_memory=)": "(--max-memory)",
     "(rate=)": "(--rate)",
     "(file_id=)": "(--file-id)",
