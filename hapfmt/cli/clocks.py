@@ -16,7 +16,7 @@ from .common import (
     refuse_idle,
     tell_losses,
 )
-from .screen import Verb, note, say, table
+from .screen import Column, Verb, note, say, table
 
 if TYPE_CHECKING:
     from ..clocks import ClockMap, ClockObservation
@@ -113,8 +113,11 @@ def one_clock(
 
 
 def show(rows: list[dict[str, Any]]) -> None:
-    headers = ["clock", "ticks of", "observed", "from s", "to s", "offset s", "drift ppm",
-               "jitter us", "map points", "beside it us"]  # fmt: skip
+    headers = [
+        Column("clock"), Column("ticks of", 5), Column("observed", 2), Column("from s", 6),
+        Column("to s", 7), Column("offset s"), Column("drift ppm"), Column("jitter us", 1),
+        Column("map points", 4), Column("beside it us", 3),
+    ]  # fmt: skip
     cells = [
         [
             row["clock"],

@@ -132,13 +132,30 @@ def percent(error: float, whole: float) -> str:
     return f"{100 * (error / whole):.3g}" if 0 < whole < inf else "-"
 
 
-def say(text: str = "", *, err: bool = False, whole: bool = False) -> None:
+BAD = frozenset({"damaged", "nonconforming", "unsupported", "broken", "differs", "failed"})
+"""Verdicts that are red on a terminal with colours."""
+
+
+def colored(text: str, word: str) -> str:
+    """Return a text whose last ``word`` is red if it is a bad verdict and colours are wanted."""
+    if (
+        word not in BAD
+        or word not in text
+        or os.environ.get("NO_COLOR")
+        or os.environ.get("TERM") == "dumb"
+    ):
+        return text
+    head, found, tail = text.rpartition(word)
+    return head + click.style(found, fg="red") + tail  # put leaves colours out of pipes
+
+
+def say(text: str = "", *, err: bool = False, whole: bool = False, verdict: str = "") -> None:
     """One line on standard output (``err``: error), in several where a terminal is narrower.
-    ``whole``: never broken, for a command that a person may copy."""
+    ``whole``: never broken, for a command that a person may copy. ``verdict``: a word of it."""
     text = printable(text)
     width = None if whole else width_of(err=err)
     lines = [text] if width is None else wrapped(text, width)
-    put("\n".join(lines) + "\n", err=err)
+    put(colored("\n".join(lines), verdict) + "\n", err=err)
 
 
 def note(text: str) -> None:
@@ -353,7 +370,7 @@ def table(
     texts = [[printable(cell) for cell in row] for row in rows]
     lines, left_out, needed = laid_out(columns, texts, width_of(err=err))
     for line in lines:
-        say(line, err=err)
+        put(line + "\n", err=err)
     if left_out:
         names = ", ".join(column.header for column in left_out)
         also = f" or {elsewhere}" if elsewhere else ""
@@ -439,7 +456,8 @@ def line_of(
         for c, part in zip(shown, parts, strict=True):
             text = part[k] if k < len(part) else ""
             blank = " " * (widths[c] - cells(text))
-            line.append(blank + text if numeric[c] else text + blank)
+            shown_text = colored(text, row[c]) if c else text
+            line.append(blank + shown_text if numeric[c] else shown_text + blank)
         lines.append(GAP.join(line).rstrip())
     return lines
 

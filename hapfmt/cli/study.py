@@ -22,7 +22,7 @@ from ..lab.study.description import HIGHEST, fifth
 from ..lab.study.rating import NotYetError, Rating
 from ..numbers import counted
 from .common import echo_json, force_option, json_option, progress, refuse_idle
-from .screen import Verb, complain, document, note, printable, raw, say, table
+from .screen import Column, Verb, complain, document, note, printable, raw, say, table
 
 if TYPE_CHECKING:
     from ..lab.study.description import Study
@@ -542,7 +542,10 @@ def people(count: int) -> str:
 
 def show_rows(title: str, rows: tuple[SummaryRow, ...]) -> None:
     many = any(row.session is not None for row in rows)
-    headers = ["condition", "role", "b/sample", "n", "mean", "+-", "to reference", "+-"]
+    headers = [
+        Column("condition"), Column("role", 6), Column("b/sample", 2), Column("n", 3),
+        Column("mean"), Column("+-", 1), Column("to reference", 4), Column("+-", 5),
+    ]  # fmt: skip
     shown = [
         [
             *([row.session or "all"] if many else []),
@@ -558,7 +561,7 @@ def show_rows(title: str, rows: tuple[SummaryRow, ...]) -> None:
         for row in rows
     ]
     say(title)
-    table([*(["session"] if many else []), *headers], shown)
+    table([*([Column("session")] if many else []), *headers], shown)
 
 
 def half_of(mean: Mean) -> str:
