@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import run, run_in_terminal, run_to_terminal
+from commands import pseudo_terminal, run, run_in_terminal, run_to_terminal
 from depth import sample
 from terminal import called
 
@@ -74,7 +74,7 @@ SHOWN: dict[str, tuple[list[str], list[str], int]] = {
     "verify": (["verify", "flipped.hapf"], ["damaged", "hapfmt recover flipped.hapf OUT"], 3),
     "verify --against": (
         ["verify", "a.hapf", "--against", "touch.npz"],
-        ["label", "outside", "keeps its error bound", *LABELS],
+        ["label", "verdict", "keeps its error bound", *LABELS],
         0,
     ),
     "compare": (
@@ -441,8 +441,15 @@ class TestVerdicts:
     def test_they_stay(
         self, files: Path, command: str, header: str, word: str, bad: bool, columns: int
     ) -> None:
-        done = run_in_terminal(*command.split(), cwd=files, columns=columns)
-        text = done.stdout.decode().replace("\r\n", "\n")
+        words = [sys.executable, "-m", "hapfmt", *command.split()]
+        colors = {"TERM": "xterm", "NO_COLOR": ""}
+        with pseudo_terminal(columns) as (slave, printed):
+            subprocess.run(
+                words, cwd=files, stdin=slave, stdout=slave, stderr=slave, check=False,
+                env={**os.environ, **colors},
+            )  # fmt: skip
+            os.close(slave)
+        text = b"".join(printed).decode().replace("\r\n", "\n")
         plain = re.sub(r"\x1b\[\d+m", "", text)
         assert max(map(len, plain.split("\n"))) <= columns and header in plain
         assert (f"\x1b[31m{word}\x1b[0m" in text) == bad and word in plain
@@ -452,7 +459,11 @@ class TestVerdicts:
     def test_no_colour_where_it_is_not_wanted(
         self, files: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        assert "\x1b" not in run("verify", "damaged.hapf", cwd=files).stdout.decode()
+        monkeypatch.setenv("NO_COLOR", "")
+        monkeypatch.setenv("TERM", "xterm")
+        assert screen.colored("damaged", "damaged") != "damaged"
+        said = called("verify", files / "damaged.hapf")
+        assert "damaged" in said.out and "\x1b" not in said.out
         for name, value in (("NO_COLOR", "1"), ("TERM", "dumb")):
             with monkeypatch.context() as patch:
                 patch.setenv(name, value)
