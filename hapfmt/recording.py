@@ -302,8 +302,7 @@ def rows_of(
     """The channels of an array [samples] or [channels, samples]."""
     array = _numbers(x, "the array")
     if array.ndim == 1:
-        if transpose:
-            raise ParameterError("an array of one dimension has nothing to transpose")
+        refuse_transpose(transpose)
         return [array]
     if array.ndim != 2:
         raise ParameterError(
@@ -312,6 +311,11 @@ def rows_of(
     count = None if labels is None or isinstance(labels, str) else len(labels)
     array = upright(array, count, transpose, "the array", "pass array.T, or transpose=True")
     return list(array)
+
+
+def refuse_transpose(transpose: bool | None) -> None:
+    if transpose:
+        raise ParameterError("an array of one dimension has nothing to transpose")
 
 
 def upright(x: Any, labelled: int | None, transpose: bool | None, what: str, advice: str) -> Any:
@@ -968,9 +972,11 @@ class Channel:
     def sel(self, start: Seconds | None = None, stop: Seconds | None = None) -> Channel:
         """The samples of the seconds start <= time < stop; they keep their times.
 
-        Raises ParameterError where stop is not after start.
+        Raises ParameterError where stop is not after start, or start is not before the end.
         """
         check_seconds(start, stop)
+        if start is not None:
+            refuse_past_end(start, self.duration)
         return self.slice_ticks(*tick_range(self.rate_exact, start, stop))
 
     def __getitem__(self, place: object) -> NoReturn:
@@ -1244,32 +1250,32 @@ class Recording:
 
     def sel(
         self,
-        labels: str | int | Sequence[str | int] | None = None,
+        channels: str | int | Sequence[str | int] | None = None,
         start: Seconds | None = None,
         stop: Seconds | None = None,
     ) -> Recording:
         """A part of the recording: some channels, and the seconds start <= time < stop.
 
-        ``labels``: labels or numbers in the wanted order, or patterns such as "pos_*"; None: all.
+        ``channels``: labels or numbers in the wanted order, or patterns such as "pos_*"; None: all.
         Samples keep their times. Events and clocks of other channels, and events and observations
         outside these seconds, are left out; maps stay. Raises UnknownChannelError, and
-        ParameterError if stop is not after start.
+        ParameterError if stop is not after start, or start is not before the end.
         """
         check_seconds(start, stop)
-        if start is not None and to_fraction(start) >= self.duration > 0:
-            warnings.warn(past_end(start, self.duration), DataWarning, stacklevel=2)
-        places = self._places_of(labels)
-        channels = [self.channels[place] for place in places]
+        if start is not None:
+            refuse_past_end(start, self.duration)
+        places = self._places_of(channels)
+        parts = [self.channels[place] for place in places]
         if start is not None or stop is not None:
-            channels = [
+            parts = [
                 channel.slice_ticks(*tick_range(channel.rate_exact, start, stop))
-                for channel in channels
+                for channel in parts
             ]
         now: dict[int | str | None, int] = {old: new for new, old in reversed([*enumerate(places)])}
-        rates = [channel.rate_exact for channel in channels]
+        rates = [channel.rate_exact for channel in parts]
         return replace(
             self,
-            channels=tuple(channels),
+            channels=tuple(parts),
             events=tuple(self._events_of(places, start, stop)),
             clocks=tuple(observed_between(on_channels(self.clocks, now), rates, start, stop)),
             clock_maps=tuple(on_channels(self.clock_maps, now)),
@@ -1466,11 +1472,13 @@ def seconds_of(first: int, last: int, rate: Fraction) -> NDArray[np.float64]:
     return seconds
 
 
-def past_end(start: Seconds, duration: Fraction) -> str:
-    """The warning where a part begins after the end of the recording."""
-    return (
-        f"no samples from {float(to_fraction(start)):g} s on; the end is at {float(duration):g} s"
-    )
+def refuse_past_end(start: Seconds, end: Fraction) -> None:
+    """ParameterError where a part begins at or after the end of the samples."""
+    if to_fraction(start) >= end > 0:
+        raise ParameterError(
+            f"No samples at {float(to_fraction(start)):g} s or later: the recording ends at "
+            f"{float(end):g} s"
+        )
 
 
 def observed_between(

@@ -24,7 +24,8 @@ import hapfmt
 
 HOME = Path(hapfmt.__file__).parents[1]
 """Of the hapfmt that is tested: that of the clone, or an installed one."""
-ENVIRONMENT = {**os.environ, "COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1"}  # forks have no threads
+ENVIRONMENT = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1", "OPENBLAS_NUM_THREADS": "1"}
+"""Forks have no threads."""
 PYTHON = [sys.executable, "-W", "error"]
 Done = subprocess.CompletedProcess[bytes]
 

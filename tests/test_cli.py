@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -71,7 +73,7 @@ def test_help_names_every_verb(room: Path) -> None:
         ("clocks a --window 3", "--window was renamed --segment"),
         ("profile check a --device b", "--device was renamed --path"),
         ("encode a b --presett lossless", "did you mean '--preset'"),
-        ("info a --from npz", "no option '--from'"),
+        ("du a --from npz", "no option '--from'"),
         ("encode a b --gains 2", "no option '--gains'\n"),
         ("verify a --against b --threat 2", "did you mean '--threads'"),
         ("annotate a --at 1 --text contact", "TEXT is an argument: write it without --text\n"),
@@ -82,9 +84,47 @@ def test_options_of_an_earlier_version_name_those_of_today(words: str, name: str
     assert said.code == 1 and name in said.err
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("touch.hapf", "no verb 'touch.hapf'; did you mean hapfmt info touch.hapf?\n"),
+        ("'my touch.csv' x", "did you mean hapfmt info 'my touch.csv'?\n"),
+        ("https://x.org/a", "did you mean hapfmt info https://x.org/a?\n"),
+        ("inf", "no verb 'inf'; did you mean 'info'?\n"),
+        ("rate", "no verb 'rate'\nTry 'hapfmt --help'.\n"),
+        ("replay a.hapf --dry-run", "--device is missing: The profile of the device"),
+        ("replay a.hapf --dry-run", "(hapfmt profile list)"),
+    ],
+)
+def test_what_was_meant(words: str, said: str) -> None:
+    done = called(*shlex.split(words))
+    assert done.code == 1 and said in done.err.replace("python -m pytest.", ""), done.err
+
+
+def test_a_file_with_kept_stamps_against_an_original_without(tmp_path: Path) -> None:
+    original, file = tmp_path / "a.csv", tmp_path / "a.hapf"
+    original.write_text("t [s],x\n0,1\n1.001,2\n2,3\n")
+    assert called("encode", original, file, "--keep-stamps").code == 0
+    said = called("verify", file, "--against", original)
+    assert said.code == 1 and "channels of time stamps were kept: add --keep-stamps" in said.err
+    assert called("verify", file, "--against", original, "--keep-stamps").code == 0
+
+
+def test_a_csv_without_a_header_gets_one_proposed(tmp_path: Path) -> None:
+    """Each header that the message proposes makes the table readable."""
+    path = tmp_path / "a.csv"
+    path.write_text("0,2,3\n1,4,3\n2,4,3\n")
+    said = called("info", path)
+    timed, plain = re.findall("'(.*?)'", said.err)
+    assert said.code == 1 and "with a rate (--rate)" in said.err
+    for header, more in ((timed, []), (plain, ["--rate", "10"])):
+        (tmp_path / "b.csv").write_text(f"{header}\n{path.read_text()}")
+        assert called("info", tmp_path / "b.csv", *more).code == 0
+
+
 def test_a_folder_is_called_one(tmp_path: Path) -> None:
     said = called("info", tmp_path)
-    assert said.code == 1 and f"{tmp_path}: this is a folder, not a file\n" in said.err
+    assert said.code == 1 and f"{tmp_path}: this is a folder, and holds none of" in said.err
 
 
 def test_an_option_name_has_one_kind_of_value() -> None:

@@ -307,7 +307,7 @@ class TestRefusals:
             (["--map", "zzz=left"], "zzz"),
             (["--map", "a=zzz"], "zzz"),
             (["--map", "a"], "a"),
-            (["--path", "/dev/hidraw0"], "--dry-run needs none"),
+            (["--path", "/dev/hidraw0"], "--dry-run opens none"),
             (["--speed", "0"], "speed"),
             (["--start", "3"], "no samples between"),
             (["--start", "0.03", "--stop", "0.01"], "no samples between"),

@@ -19,7 +19,7 @@ from typing import Any
 import click
 import numpy as np
 import pytest
-from commands import run, run_in_terminal, run_to_terminal
+from commands import pseudo_terminal, run, run_in_terminal, run_to_terminal
 from depth import sample
 from terminal import called
 
@@ -75,7 +75,7 @@ SHOWN: dict[str, tuple[list[str], list[str], int]] = {
     "verify": (["verify", "flipped.hapf"], ["damaged", "hapfmt recover flipped.hapf OUT"], 3),
     "verify --against": (
         ["verify", "a.hapf", "--against", "touch.npz"],
-        ["label", "outside", "keeps its error bound", *LABELS],
+        ["label", "verdict", "keeps its error bound", *LABELS],
         0,
     ),
     "compare": (
@@ -407,6 +407,69 @@ def test_long_work_shows_progress_and_an_interrupt_leaves_nothing(
     os.close(ours)
     assert b"hapfmt: interrupted" in text and b"Traceback" not in text
     assert [path.name for path in tmp_path.iterdir()] == ["big.npz"]
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("verdicts")
+    time = np.arange(2000) / 1000
+    labels = ["thumb CMC abduction torque", "little finger MCP flexion torque"]
+    x = np.stack([np.sin(6 * time), np.cos(9 * time)])
+    given: Any = {"rate": 1000, "labels": labels, "units": "N"}
+    hapfmt.write(x, folder / "original.hapf", **given)
+    hapfmt.write(x, folder / "near.hapf", **given, preset="near-lossless", max_error="1%")
+    hapfmt.write(x + 0.5, folder / "other.hapf", **given)
+    data = bytearray((folder / "original.hapf").read_bytes())
+    data[len(data) // 2] ^= 16
+    (folder / "damaged.hapf").write_bytes(data)
+    return folder
+
+
+class TestVerdicts:
+    """The label, the verdict and the error of a channel stay on narrow terminals; bad is red."""
+
+    ROWS = (
+        ("verify near.hapf --against original.hapf", "verdict", "within", False),
+        ("verify other.hapf --against original.hapf", "verdict", "broken", True),
+        ("compare near.hapf original.hapf --tolerance 1%", "verdict", "within", False),
+        ("compare other.hapf original.hapf", "verdict", "differs", True),
+        ("archive verify damaged.hapf", "result", "damaged", True),
+        ("verify damaged.hapf", "", "damaged", True),
+    )
+
+    @pytest.mark.parametrize("columns", [60, 80])
+    @pytest.mark.parametrize(("command", "header", "word", "bad"), ROWS, ids=[r[0] for r in ROWS])
+    def test_they_stay(
+        self, files: Path, command: str, header: str, word: str, bad: bool, columns: int
+    ) -> None:
+        words = [sys.executable, "-m", "hapfmt", *command.split()]
+        colors = {"TERM": "xterm", "NO_COLOR": ""}
+        with pseudo_terminal(columns) as (slave, printed):
+            subprocess.run(
+                words, cwd=files, stdin=slave, stdout=slave, stderr=slave, check=False,
+                env={**os.environ, **colors},
+            )  # fmt: skip
+            os.close(slave)
+        text = b"".join(printed).decode().replace("\r\n", "\n")
+        plain = re.sub(r"\x1b\[\d+m", "", text)
+        assert max(map(len, plain.split("\n"))) <= columns and header in plain
+        assert (f"\x1b[31m{word}\x1b[0m" in text) == bad and word in plain
+        if header == "verdict":
+            assert "little finger MCP flexion torque" in plain and "largest" in plain
+
+    def test_no_colour_where_it_is_not_wanted(
+        self, files: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setenv("NO_COLOR", "")
+        monkeypatch.setenv("TERM", "xterm")
+        assert screen.colored("damaged", "damaged") != "damaged"
+        said = called("verify", files / "damaged.hapf")
+        assert "damaged" in said.out and "\x1b" not in said.out
+        for name, value in (("NO_COLOR", "1"), ("TERM", "dumb")):
+            with monkeypatch.context() as patch:
+                patch.setenv(name, value)
+                assert screen.colored("damaged", "damaged") == "damaged"
+        assert screen.colored("damaged.hapf: intact", "intact") == "damaged.hapf: intact"
 
 
 class Terminal(io.StringIO):

@@ -236,7 +236,9 @@ class TestReading:
         for call in (partial(hapfmt.read, path), hapfmt.read(path).sel):
             with pytest.raises(ParameterError, match=swapped):
                 call(start=5, stop=2)
-            with pytest.warns(DataWarning, match="no samples from 50 s on; the end is at 2 s"):
+            with pytest.raises(
+                ParameterError, match="No samples at 50 s or later: the recording ends at 2 s"
+            ):
                 assert call(start=50).sample_count == 0
 
     def test_jittered_times_warn_as_tables_do(self, tmp_path: Path) -> None:

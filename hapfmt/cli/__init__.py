@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import sys
 import warnings
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from typing import Any
 
 import click
 
-from ..errors import DataWarning, HapfmtError, MovedTimesWarning, similar, unknown
+from ..errors import DataWarning, HapfmtError, MovedTimesWarning, similar
 from ..version import SPEC_VERSION, __version__
 from . import screen
 
@@ -116,13 +117,21 @@ class Verbs(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and not args[0].startswith("-") and args[0] not in VERBS:
-            ctx.fail(unknown("verb", args[0], list(VERBS)))
+            ctx.fail(unknown_verb(args[0]))
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         for name, verbs in SECTIONS.items():
             with formatter.section(name):
                 formatter.write_dl([(f"{verb:<8}", text) for verb, text in verbs.items()])
+
+
+def unknown_verb(name: str) -> str:
+    """The message for a word that is no verb: it may be the name of a file."""
+    meant = similar(name, VERBS)
+    if meant is None and re.search("[./]", name):
+        return f"no verb {name!r}; did you mean hapfmt info {shlex.quote(name)}?"
+    return f"no verb {name!r}" + (f"; did you mean {meant!r}?" if meant else "")
 
 
 def print_version(ctx: click.Context, _param: click.Parameter, asked: bool) -> None:
@@ -202,6 +211,9 @@ def explained(error: click.ClickException) -> click.ClickException:
         if meant:
             message = f"{error.format_message()} Did you mean {meant!r}?"
             return click.UsageError(message, error.ctx)
+    if isinstance(error, click.MissingParameter) and isinstance(error.param, click.Option):
+        message = f"{error.param.opts[0]} is missing: {error.param.help}"
+        return click.UsageError(message, error.ctx)
     if not isinstance(error, click.NoSuchOption) or error.ctx is None:
         return error
     names = RENAMED.get(error.option_name, {})

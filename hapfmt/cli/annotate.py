@@ -21,11 +21,12 @@ from .common import (
     input_of,
     json_option,
     output_of,
+    refuse_idle,
     refuse_target,
     standard_input,
     tell_added,
 )
-from .screen import Verb, say, table
+from .screen import Verb, note, say, table
 
 if TYPE_CHECKING:
     from ..recording import Event
@@ -75,13 +76,23 @@ def annotate(
     """
     from .. import edit
 
+    if output is None:
+        refuse_idle("requires --output", force=force)
     if list_:
+        refuse_idle(
+            "does not go with --list", at=at, duration=duration, channel=channel, table=table_,
+            output=output,
+        )  # fmt: skip
+        if text is not None:
+            raise ParameterError("--list takes no TEXT")
         return show(file, layer, as_json)
     one = [text, at, duration, channel]
     if table_ is not None:
         if any(x is not None for x in one):
             raise ParameterError("Give --table, or one event with --at and TEXT, not both")
         events = read_table(table_, layer)
+        if layer and all(event.layer != layer for event in events):
+            note("--layer is for rows without a layer, and each row of the table has one")
     else:
         if text is None or at is None:
             raise ParameterError("Give --at SECONDS and the argument TEXT, or --table, or --list")

@@ -26,6 +26,7 @@ from .common import (
     memory_option,
     output_option,
     progress,
+    refuse_idle,
     suffix_of,
 )
 from .encode import preset_options
@@ -777,6 +778,8 @@ def find_rows(catalogue: str, where: str | None, files: bool, null: bool, as_jso
 
     if null and not files:
         raise ParameterError("--null goes with --files")
+    if files:
+        refuse_idle("does not go with --files", json=as_json)
     found = find(read(catalogue), where)
     rows = found.to_dicts()
     if as_json:
@@ -791,9 +794,9 @@ def find_rows(catalogue: str, where: str | None, files: bool, null: bool, as_jso
 
 def show_rows(rows: Sequence[dict[str, Any]]) -> None:
     headers = [
-        Column("label"), Column("file"), Column("unit"), Column("quantity", 5), Column("Hz", 4),
-        Column("seconds", 3), Column("min", 7), Column("max", 6), Column("rms"),
-        Column("verdict", 2),
+        Column("label"), Column("file"), Column("unit", 1), Column("quantity", 5), Column("Hz", 4),
+        Column("seconds", 3), Column("min", 7), Column("max", 6), Column("rms", 2),
+        Column("verdict"),
     ]  # fmt: skip
     cells = [
         [

@@ -15,6 +15,7 @@ from .common import (
     json_option,
     output_of,
     output_option,
+    refuse_idle,
     refuse_target,
     tell_added,
 )
@@ -58,8 +59,14 @@ def attach(
     """
     from .. import edit
 
-    if list_ and extract:
-        raise ParameterError("Give --list or --extract, not both")
+    if list_:
+        refuse_idle("does not go with --list", extract=extract, output=output)
+        if paths:
+            raise ParameterError("--list takes no PATH")
+    if list_ or extract:
+        refuse_idle("is for files to attach", name=name, media_type=media_type)
+    if output is None and not extract:
+        refuse_idle("requires --output or --extract", force=force)
     if list_:
         with edit.Original(input_of(file), scan=False) as original:
             show(original, as_json)

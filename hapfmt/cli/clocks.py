@@ -13,9 +13,10 @@ from .common import (
     input_of,
     json_option,
     memory_option,
+    refuse_idle,
     tell_losses,
 )
-from .screen import Verb, say, table
+from .screen import Column, Verb, note, say, table
 
 if TYPE_CHECKING:
     from ..clocks import ClockMap, ClockObservation
@@ -30,22 +31,20 @@ if TYPE_CHECKING:
 @click.option(
     "--delays",
     type=click.Choice(["both", "late"]),
-    default="both",
-    show_default=True,
-    help="Whether time stamps can be early and late, or late only.",
+    help="With --fit: whether time stamps can be early and late, or late only. [both]",
 )
 @click.option(
     "--segment",
     type=FractionType(),
     metavar="S",
-    help="Length of one line in seconds. [chosen from the data]",
+    help="With --fit: length of one line in seconds. [chosen from the data]",
 )
 @memory_option
 @json_option
 def clocks(
     file: str,
     fit: bool,
-    delays: str,
+    delays: str | None,
     segment: Fraction | None,
     as_json: bool,
     max_memory: Limits,
@@ -60,12 +59,14 @@ def clocks(
     hapfmt clocks touch.hapf
     hapfmt clocks touch.hapf --fit --delays late
     """
+    if not fit:
+        refuse_idle("requires --fit", delays=delays, segment=segment)
     from ..clocks import by_clock
     from ..reading.reader import Reader
 
     with Reader(input_of(file), limits=max_memory) as reader:
         seconds = None if segment is None else float(segment)
-        asked = (cast("Delays", delays), seconds) if fit else None
+        asked = (cast("Delays", delays or "both"), seconds) if fit else None
         rows = [one_clock(reader, seen, asked) for seen in by_clock(reader.clocks).values()]
         code = tell_losses(reader)
     if as_json:
@@ -74,6 +75,8 @@ def clocks(
         show(rows)
     else:
         say("this file has no observations of other clocks")
+        if fit:
+            note("--fit has nothing to fit; hapfmt.Recorder.observe stores observations")
     return code
 
 
@@ -110,8 +113,11 @@ def one_clock(
 
 
 def show(rows: list[dict[str, Any]]) -> None:
-    headers = ["clock", "ticks of", "observed", "from s", "to s", "offset s", "drift ppm",
-               "jitter us", "map points", "beside it us"]  # fmt: skip
+    headers = [
+        Column("clock"), Column("ticks of", 5), Column("observed", 2), Column("from s", 6),
+        Column("to s", 7), Column("offset s"), Column("drift ppm"), Column("jitter us", 1),
+        Column("map points", 4), Column("beside it us", 3),
+    ]  # fmt: skip
     cells = [
         [
             row["clock"],

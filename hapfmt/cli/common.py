@@ -472,6 +472,19 @@ def options_by_input(
     return found
 
 
+def refuse_idle(reason: str, **given: Any) -> None:
+    """ParameterError for the first of these options that was given: it cannot act, for a reason."""
+    for name, value in given.items():
+        if value is not None and value is not False and value not in ((), ""):
+            raise ParameterError(f"{option_of(name)} {reason}")
+
+
+def refuse_format(input_format: str | None, *names: str | None) -> None:
+    """ParameterError for an --input-format where all of these inputs are .hapf files."""
+    if all(name is None or name.lower().endswith(HAPF) for name in names):
+        refuse_idle("is for inputs of other formats than .hapf", input_format=input_format)
+
+
 def option_of(name: str) -> str:
     return "--" + name.replace("_", "-")
 

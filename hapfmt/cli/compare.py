@@ -22,6 +22,8 @@ from .common import (
     options_by_input,
     output_of,
     progress,
+    refuse_format,
+    refuse_idle,
     refuse_span,
     start_option,
     stop_option,
@@ -106,7 +108,10 @@ def compare(
         kind_of(picture)
         refuse(picture, force)
         new_figure(1, 1)
+    else:
+        refuse_idle("requires --plot", force=force)
     refuse_span(start, stop)
+    refuse_format(input_format, a, b)
     options = options_by_input((a, b), input_format, given)
     opened = partial(open_parts, whole=start is None and stop is None)
     one = opened(a, input_format, max_memory, channels, **options[a])

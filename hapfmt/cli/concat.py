@@ -18,6 +18,7 @@ from .common import (
     originals,
     output_of,
     progress,
+    refuse_idle,
     refuse_target,
     same_times_option,
     tell,
@@ -67,6 +68,8 @@ def concat(
     from .. import edit
 
     refuse_target(target, force)
+    if len(sources) == 1:
+        refuse_idle("requires two files or more", gap=gap, by_epoch=by_epoch, same_times=same_times)
     times = times_of(by_epoch, same_times)
     with originals(sources, max_memory) as opened, progress("copying") as advance:
         edited = edit.concat(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import BitsType, FractionType, echo_json, force_option, json_option
+from .common import BitsType, FractionType, echo_json, force_option, json_option, refuse_idle
 from .screen import Column, Verb, say, table
 
 if TYPE_CHECKING:
@@ -104,6 +104,8 @@ def demo(
     from ..files import atomic_write, refuse
     from ..lab.scenes.stylus import simulate
 
+    if output is None and plot is None:
+        refuse_idle("requires --output or --plot", force=force)
     for path in (output, plot):
         if path is not None:
             refuse(str(path), force)

@@ -139,8 +139,8 @@ def udev_rule(device: SystemDevice) -> str:
 
 def show(rows: list[dict[str, Any]]) -> None:
     headers = [
-        Column("path"), Column("ids", 2), Column("bus", 4), Column("usage", 5), Column("name"),
-        Column("profile", 1), Column("missing", 3),
+        Column("path"), Column("ids", 3), Column("bus", 4), Column("usage", 5), Column("name", 1),
+        Column("profile", 2), Column("missing"),
     ]  # fmt: skip
     cells = [
         [

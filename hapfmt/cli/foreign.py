@@ -52,9 +52,11 @@ def events_json(events: Iterable[Event]) -> list[dict[str, Any]]:
     ]
 
 
-def show_events(events: Sequence[dict[str, Any]]) -> None:
-    """Print a table of the events of a file, if it has any."""
-    if events:
+def show_events(events: Sequence[dict[str, Any]] | None) -> None:
+    """Print a table of the events of a file; None: nobody asked for them."""
+    if events == []:
+        note("this file has no events; hapfmt annotate adds some")
+    elif events:
         headers = ["time, s", "text", "duration, s", "channel", "layer"]
         table(headers, [event_row(event) for event in events])
 

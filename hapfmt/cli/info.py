@@ -358,7 +358,7 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
         mapped = f", mapped by {counted(points, 'point')}" if points else ""
         count = counted(clock["observation_count"], "observation")
         say(f"clock: {clock['clock']} ({count} by {ticks}{mapped})")
-    show_events(found.get("events", ()))
+    show_events(found.get("events"))
     for key, value in catalogue.metadata.items():
         for text in metadata_texts(key, value):
             say(text)

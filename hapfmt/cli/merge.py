@@ -17,6 +17,7 @@ from .common import (
     originals,
     output_of,
     progress,
+    refuse_idle,
     refuse_target,
     same_times_option,
     tell,
@@ -77,6 +78,8 @@ def merge(
     refuse_target(target, force)
     if prefixes and len(prefixes) != len(sources):
         raise ParameterError("Give one --prefix for each file (it may be empty)")
+    if len(sources) == 1:
+        refuse_idle("requires two files or more", by_epoch=by_epoch, same_times=same_times)
     times, given = times_of(by_epoch, same_times), offsets_of(offsets, sources)
     with originals(sources, max_memory) as opened, progress("copying") as advance:
         edited = edit.merge(

@@ -15,6 +15,7 @@ from .common import (
     input_of,
     json_option,
     output_of,
+    refuse_idle,
     refuse_target,
     tell_added,
 )
@@ -40,6 +41,10 @@ def meta(
     """
     from .. import edit
 
+    if not members:
+        refuse_idle("requires KEY=VALUE", output=output)
+    if output is None:
+        refuse_idle("requires --output", force=force)
     if not members:
         with edit.Original(input_of(file), scan=False) as original:
             known = original.catalogue.metadata

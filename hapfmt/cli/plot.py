@@ -23,6 +23,8 @@ from .common import (
     output_of,
     output_option,
     progress,
+    refuse_format,
+    refuse_idle,
     refuse_span,
     start_option,
     stop_option,
@@ -102,10 +104,12 @@ def plot(
         refuse(output, force)
     new_figure(1, 1)
     if window:
+        refuse_idle("requires --output", output_format=kind, force=force)
         from ..lab.plotting.pages import open_window
 
         open_window("hapfmt").destroy()
     refuse_span(start, stop)
+    refuse_format(input_format, file, against)
     options = options_by_input((file, against), input_format, given)
     whole = start is None and stop is None
     parts = open_parts(file, input_format, max_memory, channels, whole=whole, **options[file])

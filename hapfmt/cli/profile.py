@@ -9,7 +9,7 @@ import click
 
 from ..errors import DeviceError, ParameterError
 from .common import echo_json, json_option
-from .screen import Verb, complain, document, say, table
+from .screen import Column, Verb, complain, document, say, table
 
 if TYPE_CHECKING:
     from ..replay.profile.matching import Descriptor
@@ -41,7 +41,13 @@ def list_profiles(as_json: bool) -> int:
         echo_json({"profiles": [summary(each) for each in found], "exit_code": 0})
         return 0
     table(
-        ["name", "devices", "actuators", "frames/s", "description"],
+        [
+            Column("name"),
+            Column("devices", 3),
+            Column("actuators", 1),
+            Column("frames/s", 2),
+            Column("description"),
+        ],
         [
             [
                 each.name,

@@ -17,6 +17,7 @@ from .common import (
     memory_option,
     output_of,
     progress,
+    refuse_idle,
     refuse_target,
     tell_some,
     verbose_option,
@@ -70,6 +71,7 @@ def recover(
     if target is None and not in_place:
         raise ParameterError("Give OUT, the file to write, or --in-place")
     if target is None:
+        refuse_idle("requires OUT", force=force)
         from ..edit.recover import recover_in_place
 
         with progress("recovering") as advance:

@@ -24,6 +24,7 @@ from .common import (
     json_option,
     memory_option,
     progress,
+    refuse_idle,
     start_option,
     stop_option,
     tell_some,
@@ -159,9 +160,12 @@ def replay(
     from ..replay.profile.parse import load_profile
     from ..replay.render import Renderer, assign
 
+    if dry_run:
+        reason = "is for a device, and --dry-run opens none"
+        refuse_idle(reason, path=path, no_watchdog=no_watchdog)
+    if target is None:
+        refuse_idle("requires --record", force=force)
     profile = load_profile(device)
-    if dry_run and path is not None:
-        raise ParameterError("--path is a device's, and --dry-run needs none")
     sink_config = {} if dry_run else config_of(profile, path)
     with Reader(input_of(file), limits=max_memory) as reader:
         labels = [ref.label for ref in reader.channels]

@@ -19,6 +19,7 @@ from .common import (
     json_option,
     output_of,
     progress,
+    refuse_idle,
     save_recording,
     suffix_of,
 )
@@ -103,12 +104,18 @@ def scene(
     """
     from ..lab.scenes.description import load_scene, scene_text
 
+    if as_list or name is None or show:
+        made = {"without": without, "preset": preset, "force": force, **given}
+        refuse_idle("requires NAME and OUT, without --list and --show", **made)
     if as_list or name is None:
-        if show or target is not None:
+        if show or name is not None:
             raise ParameterError("--list takes no argument; --show requires the name of a scene")
         list_scenes(as_json)
         return 0
     if show:
+        refuse_idle("does not go with --show", json=as_json)
+        if target is not None:
+            raise ParameterError("--show takes no OUT: it prints")
         document(scene_text(name))
         return 0
     if target is None:

@@ -74,6 +74,7 @@ IN_OPTIONS = {
         "give one of --quality, --snr, --st-sim, --bitrate"
     ),
     "with texture=False and felt='all'": "--no-texture --felt all",
+    "read the original with keep_stamps=True": "add --keep-stamps",
     "(max_memory=)": "(--max-memory)",
     "(rate=)": "(--rate)",
     "(file_id=)": "(--file-id)",
@@ -121,13 +122,26 @@ def in_options(text: str) -> str:
     return _KEYWORDS.sub(lambda match: IN_OPTIONS[match[0]], text)
 
 
-def say(text: str = "", *, err: bool = False, whole: bool = False) -> None:
+BAD = frozenset({"damaged", "nonconforming", "unsupported", "broken", "differs", "failed"})
+"""Verdicts that are red on a terminal with colours."""
+
+
+def colored(text: str, word: str) -> str:
+    """Return a text whose last ``word`` is red if it is a bad verdict and colours are wanted."""
+    plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    if word not in BAD or word not in text or plain:
+        return text
+    head, found, tail = text.rpartition(word)
+    return head + click.style(found, fg="red") + tail  # put leaves colours out of pipes
+
+
+def say(text: str = "", *, err: bool = False, whole: bool = False, verdict: str = "") -> None:
     """One line on standard output (``err``: error), in several where a terminal is narrower.
-    ``whole``: never broken, for a command that a person may copy."""
+    ``whole``: never broken, for a command that a person may copy. ``verdict``: a word of it."""
     text = printable(text)
     width = None if whole else width_of(err=err)
     lines = [text] if width is None else wrapped(text, width)
-    put("\n".join(lines) + "\n", err=err)
+    put(colored("\n".join(lines), verdict) + "\n", err=err)
 
 
 def note(text: str) -> None:
@@ -342,7 +356,7 @@ def table(
     texts = [[printable(cell) for cell in row] for row in rows]
     lines, left_out, needed = laid_out(columns, texts, width_of(err=err))
     for line in lines:
-        say(line, err=err)
+        put(line + "\n", err=err)
     if left_out:
         names = ", ".join(column.header for column in left_out)
         also = f" or {elsewhere}" if elsewhere else ""
@@ -428,7 +442,8 @@ def line_of(
         for c, part in zip(shown, parts, strict=True):
             text = part[k] if k < len(part) else ""
             blank = " " * (widths[c] - cells(text))
-            line.append(blank + text if numeric[c] else text + blank)
+            shown_text = colored(text, row[c]) if c else text
+            line.append(blank + shown_text if numeric[c] else shown_text + blank)
         lines.append(GAP.join(line).rstrip())
     return lines
 

@@ -21,8 +21,8 @@ from ..errors import ParameterError
 from ..lab.study.description import HIGHEST, fifth
 from ..lab.study.rating import NotYetError, Rating
 from ..numbers import counted
-from .common import echo_json, force_option, json_option, progress
-from .screen import Verb, complain, document, note, printable, raw, say, table
+from .common import echo_json, force_option, json_option, progress, refuse_idle
+from .screen import Column, Verb, complain, document, note, printable, raw, say, table
 
 if TYPE_CHECKING:
     from ..lab.study.description import Study
@@ -307,12 +307,19 @@ def study(
     ]
     if len(chosen) > 1:
         raise ParameterError(f"choose one of --{' and --'.join(chosen)}")
-    if (plot or as_csv) and not summary:
-        raise ParameterError("--plot and --csv go with --summary")
+    if not summary:
+        refuse_idle("requires --summary", plot=plot, csv=as_csv)
     if as_csv and as_json:
         raise ParameterError("choose one of --csv and --json")
-    if (chosen or as_json) and (subject or (as_json and not chosen)):
-        raise ParameterError("--subject does not go with --json or another mode")
+    if not new and plot is None:
+        refuse_idle("requires --new or --plot", force=force)
+    if not chosen:
+        refuse_idle("requires --new, --prepare or --summary", json=as_json)
+    else:
+        asked = {**felt, "map": felt["channels"], "channels": None}
+        refuse_idle(f"does not go with --{chosen[0]}", subject=subject, answers=answers, **asked)
+    if new or summary:
+        refuse_idle(f"does not go with --{chosen[0]}", folder=folder)
     if summary:
         return print_summary(files, plot, as_csv, as_json, force)
     if new:
@@ -424,9 +431,12 @@ def choose_output(felt: dict[str, Any]) -> None:
             "say where it is felt: --device PROFILE, --sound CHANNEL, --wav FOLDER, or --dry-run"
             + (", one of them" if ways else "")
         )
-    played = ("path", "gain", "channels", "ignore", "map_by_order")
-    if felt["device"] is None and any(felt[name] for name in played):
-        raise ParameterError("--path, --gain, --map, --ignore and --map-by-order require --device")
+    opened = {"path": felt["path"], "no_watchdog": felt["no_watchdog"]}
+    played = {"map": felt["channels"], **{x: felt[x] for x in ("gain", "ignore", "map_by_order")}}
+    if felt["device"] is None:
+        refuse_idle("requires --device", **opened, **played)
+    if felt["dry_run"]:
+        refuse_idle("is for a device, and --dry-run opens none", **opened)
 
 
 def output_of(felt: dict[str, Any], study: Study, prepared: Prepared) -> StudyOutput:
@@ -532,7 +542,10 @@ def people(count: int) -> str:
 
 def show_rows(title: str, rows: tuple[SummaryRow, ...]) -> None:
     many = any(row.session is not None for row in rows)
-    headers = ["condition", "role", "b/sample", "n", "mean", "+-", "to reference", "+-"]
+    headers = [
+        Column("condition"), Column("role", 6), Column("b/sample", 2), Column("n", 3),
+        Column("mean"), Column("+-", 1), Column("to reference", 4), Column("+-", 5),
+    ]  # fmt: skip
     shown = [
         [
             *([row.session or "all"] if many else []),
@@ -548,7 +561,7 @@ def show_rows(title: str, rows: tuple[SummaryRow, ...]) -> None:
         for row in rows
     ]
     say(title)
-    table([*(["session"] if many else []), *headers], shown)
+    table([*([Column("session")] if many else []), *headers], shown)
 
 
 def half_of(mean: Mean) -> str:

@@ -10,6 +10,7 @@ import click
 
 from ..errors import DAMAGED
 from .common import (
+    asked_of,
     echo_json,
     file_id_option,
     import_options,
@@ -20,6 +21,8 @@ from .common import (
     memory_option,
     options_by_input,
     progress,
+    refuse_format,
+    refuse_idle,
     schema_option,
     tell_some,
     threads_option,
@@ -71,6 +74,9 @@ def verify(
     """
     from ..reading.verifier import verify as verify_file
 
+    if against is None:
+        refuse_idle("requires --against", input_format=input_format, **asked_of(given))
+    refuse_format(input_format, against)
     options = options_by_input((against,), input_format, given)
     original = None
     if against:
@@ -94,7 +100,7 @@ def verify(
 def show(file: str, report: Report, *, verbose: bool) -> None:
     from ..format.walk import Finding
 
-    say(f"{file}: {report.headline()}")
+    say(f"{file}: {report.headline()}", verdict=report.verdict)
     if report.error:
         complain(report.error.line(), way_out(report.error))
     if verbose:
@@ -106,12 +112,12 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
         checks = report.contracts
         # On a narrow terminal, columns of zeros go first; the last line names them.
         headers = [
-            Column("label"), Column("#", 9), Column("kept as"),
-            Column("outside", 0 if any(check.outside for check in checks) else 5),
-            Column("largest error"), Column("% of bound", 1), Column("% of range", 2),
+            Column("label"), Column("#", 9), Column("verdict"), Column("kept as", 2),
+            Column("outside", 3 if any(check.outside for check in checks) else 6),
+            Column("largest error"), Column("% of bound", 5), Column("% of range", 4),
             Column("samples", 8),
-            Column("missing", 0 if any(check.missing for check in checks) else 6),
-            Column("added", 0 if any(check.invented for check in checks) else 7),
+            Column("missing", 1 if any(check.missing for check in checks) else 7),
+            Column("added", 1 if any(check.invented for check in checks) else 7),
         ]  # fmt: skip
         table(headers, [row_of(check) for check in checks])
         said = report.bounds()
@@ -132,10 +138,20 @@ def name_of(check: ContractCheck) -> str:
     return check.label or f"channel {check.channel}"
 
 
+def verdict_of(check: ContractCheck) -> str:
+    """A word as compare has it; an aim promises nothing, so samples may be outside."""
+    if check.broken:
+        return "broken"
+    if check.outside:
+        return "synthetic" if check.synthetic else "outside"
+    return "within" if check.largest_error else "identical"
+
+
 def row_of(check: ContractCheck) -> list[str]:
     return [
         name_of(check),
         str(check.channel),
+        verdict_of(check),
         joined(check.kept_as),
         str(check.outside),
         amount(check.largest_error, check.unit) if check.largest_error else "0",

@@ -127,7 +127,9 @@ def read(
         from ..recording import check_seconds
 
         check_seconds(start, stop)
-    if max_memory is not None and limits is None:
+    if max_memory is not None:
+        if limits is not None:
+            raise ParameterError("give limits or max_memory, not both")
         limits = Limits(memory=max_memory)
     given = {
         "rate": rate, "transpose": transpose, "select": select, "clock": clock,
@@ -142,6 +144,8 @@ def read(
             )  # fmt: skip
         if band != "full":
             raise ParameterError(f"a {chosen.title} file has no bands")
+        if not exact:
+            raise ParameterError(f"exact is for .hapf files; {chosen.title} has no corrections")
         options = _options(chosen, given, limits, progress)
         found = _found(chosen, source, options)
         recording = (

@@ -36,6 +36,8 @@ from .timestamps import kept_stamps
 
 _COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.A | re.I)
 """A number with a decimal comma."""
+NAMED = 4
+"""Columns of the header that a message proposes."""
 _DELIMITERS = "\t;,"
 """Where two are equally frequent in the header, the first of them is not likely to be in a name."""
 _LINE_LIMIT = 1 << 24
@@ -141,7 +143,16 @@ class _Table:
         if len(self._names) == 1 and _in_spaces(self._names[0]):
             self._refuse(_SPACES)
         if all(DOUBLE.fullmatch(name) or not name for name in self._names):
-            self._refuse("the first row holds numbers; a header row 'name [unit]' is expected")
+            names = [f"ch{number + 1}" for number in range(len(self._names))]
+            some = ", ..." if len(names) > NAMED else ""
+            plain, timed = (
+                repr(self._delimiter.join(each[:NAMED])) + some
+                for each in (names, ["t [s]", *names[:-1]])
+            )
+            self._refuse(
+                f"the first row holds numbers; write a header as line 1, such as {timed} if the "
+                f"first column is time, or {plain} with a rate (rate=)"
+            )
         # Some programs write a delimiter at the end of each row: it does not start a column.
         self._trailing = len(self._names) > 1 and not self._names[-1]
         if self._trailing:

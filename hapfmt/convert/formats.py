@@ -346,8 +346,7 @@ def of_source(source: Source) -> Format | None:
                 return one
         markers = ", ".join(one.folder for one in formats().values() if one.folder)
         raise ParameterError(
-            f"{source.name} is a folder, and holds none of the files that a recording needs: "
-            f"{markers}"
+            f"this is a folder, and holds none of the files that a recording needs: {markers}"
         )
     head = source.head
     by_content = [one for one in formats().values() if one.matches(head)]

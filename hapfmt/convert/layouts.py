@@ -279,6 +279,7 @@ def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
     used: set[str] = set()
     timeless: list[SourceArray] = []
     square: list[SourceArray] = []
+    transposes = options.transpose is None
     for array in wanted:
         if (reason := _unread(array)) is not None:
             notes.append(
@@ -296,6 +297,7 @@ def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
         if times is not None:
             used.add(times.name)
         axis = _time_axis(array, times, options.transpose, first_axis)
+        transposes |= axis != _time_axis(array, times, not options.transpose, first_axis)
         if axis is None:
             square.append(array)
             continue
@@ -319,6 +321,8 @@ def _planned(tree: SourceTree, options: ReadOptions) -> list[PlannedTable]:
             f"no times and no rate are known for {_listed(timeless)}; a rate, or a map of the "
             "file, makes them channels"
         )
+    if not transposes:
+        notes.append("transpose changes nothing: times or shapes say which side is time")
     if others := [one for one in clocks if one.name not in used]:
         notes.append(
             f"the times {_listed(others)} are not used; another clock was chosen or is nearer"

@@ -113,7 +113,7 @@ def mapped(tree: SourceTree, options: ReadOptions) -> Import:
     """The contents of a file by its map."""
     assert options.map is not None
     for name in ("select", "episode", "clock", "transpose"):
-        if getattr(options, name):
+        if getattr(options, name) != getattr(ReadOptions(), name):
             raise ParameterError(f"{name} is not for a map, which says it itself")
     keys, text = _read_map(options.map)
     planned = []

@@ -14,7 +14,7 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from ..errors import LimitError, ParameterError
-from ..recording import Channel, Recording, upright
+from ..recording import Channel, Recording, refuse_transpose, upright
 from .common import (
     CHANNEL_LIMIT,
     Dense,
@@ -140,6 +140,7 @@ def doubles_2d(
     if x.ndim not in (1, 2):
         raise ParameterError(f"{what} is a single number, not [channels, samples]")
     if x.ndim == 1:
+        refuse_transpose(transpose)
         x = x.reshape(1, -1)
     else:
         x = upright(x, labelled, transpose, what, "use transpose=True")

@@ -57,6 +57,7 @@ from ..recording import (
     Recording,
     index_of_channel,
     known_samples,
+    refuse_transpose,
     spans_at,
     spans_of,
     unique,
@@ -296,6 +297,7 @@ def _array_of(
         nameless = array.ndim == 2 or re.fullmatch(r"x(__\d+)?|arr_\d+", keys[0])
         named = [] if nameless else keys
         return list(doubles_2d(array, what, labelled=count, transpose=transpose)), named
+    refuse_transpose(transpose)
     if len(keys) > CHANNEL_LIMIT:
         raise LimitError(f"{len(keys)} channels, more than {CHANNEL_LIMIT}")
     rows = [_row(array, key) for key in keys if (array := archive.array(key)) is not None]

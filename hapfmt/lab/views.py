@@ -28,7 +28,7 @@ from ..reading.damage import LostSpan
 from ..reading.decoder import intersect
 from ..reading.packets import tick_range
 from ..reading.reader import Reader
-from ..recording import Channel
+from ..recording import Channel, refuse_past_end
 from .parts import ChannelPart, Described, FileParts, Parts
 
 SHOWN = 600
@@ -508,10 +508,8 @@ def within(
     first, last = parts.extent()
     a = first if start is None else max(start, Fraction(0))
     b = last if stop is None else stop
-    if start is not None and start >= last:
-        raise ParameterError(
-            f"No samples at {float(start):g} s or later: the recording ends at {float(last):g} s"
-        )
+    if start is not None:
+        refuse_past_end(start, last)
     if not parts.channels or a >= b:
         raise ParameterError("No samples in this time range")
     return a, b

@@ -6,7 +6,6 @@ The decoded numbers are compared with the stored checksums of tracks (dGST, SPEC
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from fractions import Fraction
 from typing import Any, BinaryIO
@@ -15,7 +14,6 @@ from uuid import UUID
 from ..clocks import ClockMap, ClockObservation, on_channels
 from ..errors import (
     HARMLESS,
-    DataWarning,
     FormatError,
     ParameterError,
     channels_called,
@@ -30,7 +28,7 @@ from ..format.walk import Chunk, Finding, read_chunk
 from ..limits import Limits
 from ..numbers import counted
 from ..numbers import exact as exact_number
-from ..recording import Event, Recording, observed_between, past_end
+from ..recording import Event, Recording, observed_between, refuse_past_end
 from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
 from .damage import LostSpan, damaged_areas
@@ -285,6 +283,18 @@ class Reader(Closing):
         by_number = {ref.number: ref for ref in known}
         labels = {number: ref.label for number, ref in by_number.items()}
         return [by_number[number] for number in channels_called(channels, labels)]
+
+    def refuse_band(self, channels: Sequence[str | int] | str | int | None, band: Band) -> None:
+        """ParameterError for a band that none of these channels has."""
+        parts = [part for ref in self.select(channels) for part in ref.parts]
+        if band in ("lf", "hf") and not any(
+            part.residual or part.track.kind != "full" for part in parts
+        ):
+            raise ParameterError(
+                f"no channel here is stored as a slow part and its texture, so band {band!r} would "
+                f"be {'all of it' if band == 'lf' else 'empty'}",
+                path=self.source.path,
+            )
 
     def read(
         self,
@@ -558,10 +568,11 @@ def read(
     """
     whole = start is None and stop is None
     with Reader(file, limits=limits, strict=True, scan=whole, threads=threads) as reader:
+        reader.refuse_band(channels, band)
         recording = reader.read(channels, start, stop, band=band, exact=exact)
         reader.refuse_damage()
-        if start is not None and exact_number(start) >= reader.duration > 0:
-            warnings.warn(past_end(start, reader.duration), DataWarning, stacklevel=3)
+        if start is not None:
+            refuse_past_end(start, reader.duration)
         return recording
 
 

@@ -140,7 +140,12 @@ def check_contracts(reader: Reader, against: Recording) -> list[ContractCheck]:
     track by track where one continues another."""
     refs = reader.channels
     if len(refs) != len(against):
-        raise ParameterError(f"the file has {len(refs)} channels, the original {len(against)}")
+        stamped = [r for r in refs if "stamp" in r.label and r.label not in against.labels]
+        hint = "; channels of time stamps were kept: read the original with keep_stamps=True"
+        raise ParameterError(
+            f"the file has {counted(len(refs), 'channel')}, the original {len(against)}"
+            + hint * bool(stamped)
+        )
     assembly = reader.assembly(refs)
     groups: dict[int, list[ExpectedPart]] = {}
     for ref, x in zip(refs, against.channels, strict=True):

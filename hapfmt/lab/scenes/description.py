@@ -316,12 +316,17 @@ class Scene(Description):
 
     def without(self, *parts: str) -> Scene:
         """The same scene and the same seed, with these of :data:`PARTS` taken out."""
-        tool, hand = self.tool, self.hand
         for name in parts:
             if name not in PARTS:
                 raise DescriptionError(
                     "", f"no part is called {name!r}; there are: {', '.join(PARTS)}"
                 )
+            if self._without(name) == self:
+                raise DescriptionError("", f"scene {self.name!r} has no part {name!r}")
+        return self._without(*parts)
+
+    def _without(self, *parts: str) -> Scene:
+        tool, hand = self.tool, self.hand
         if "tool" in parts:
             tool = None
         if "hand" in parts:
