@@ -23,6 +23,7 @@ from ..format.wire import id_text
 from ..limits import Limits
 from ..numbers import counted
 from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError, TrackPair
+from ..reading.damage import DamageReport
 from ..reading.follow import Follower
 from ..reading.opening import open_catalogue
 from ..units import unit_text
@@ -123,8 +124,8 @@ def info(
 ) -> int:
     """Print what FILE contains: channels, rates, units, codecs, times, and whether it was closed.
 
-    Only the index and the descriptions are read; only --events decodes anything. FILE may be a
-    URL. --follow ends when the file is closed, or with Ctrl-C.
+    Only the index and the descriptions are read, unless these are damaged; --events decodes the
+    events. FILE may be a URL. --follow ends when the file is closed, or with Ctrl-C.
 
     \b
     hapfmt info touch.hapf
@@ -134,28 +135,40 @@ def info(
     if follow:
         return follow_file(file, interval, as_json)
     look = with_its_events if with_events else described
-    catalogue, found = look(file, max_memory)
+    damage, found = look(file, max_memory)
     if as_json:
         echo_json(found)
     else:
-        show(file, catalogue, found)
+        show(file, damage, found)
     return int(found["exit_code"])
 
 
-def described(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any]]:
+def described(file: str, limits: Limits) -> tuple[DamageReport, dict[str, Any]]:
     source = open_source(input_of(file))
     try:
         catalogue = open_catalogue(source, limits=limits)
         try:
-            return catalogue, describe(catalogue)
+            return facts(catalogue)
         except FalseIndexError:
-            catalogue = open_catalogue(source, scan=True, limits=limits)
-            return catalogue, describe(catalogue)
+            return facts(open_catalogue(source, scan=True, limits=limits))
     finally:
         source.close()
 
 
-def with_its_events(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any]]:
+def facts(catalogue: Catalogue) -> tuple[DamageReport, dict[str, Any]]:
+    """The facts of info; of a damaged file with what ``verify`` says of it."""
+    damage = DamageReport(catalogue, [])
+    if catalogue.damaged:
+        from ..reading.reader import Reader
+        from ..reading.verifier import examine
+
+        damage = examine(Reader(catalogue.source, scan=True, limits=catalogue.limits))
+        catalogue = damage.catalogue
+    told = None if catalogue.indexed else damage.as_json()
+    return damage, describe(catalogue) | {"damage": told}
+
+
+def with_its_events(file: str, limits: Limits) -> tuple[DamageReport, dict[str, Any]]:
     from ..reading.reader import Reader
 
     with Reader(input_of(file), limits=limits) as reader:
@@ -163,7 +176,8 @@ def with_its_events(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any
             {**vars(event), "time": str(event.time), "duration": str(event.duration)}
             for event in reader.events()
         ]
-        return reader.catalogue, {**describe(reader.catalogue), "events": rows}
+        damage, found = facts(reader.catalogue)
+        return damage, {**found, "events": rows}
 
 
 def describe(catalogue: Catalogue) -> dict[str, Any]:
@@ -282,7 +296,8 @@ def unsupported_of(ref: ChannelRef) -> str | None:
     return next((reason for reason in reasons if reason), None)
 
 
-def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
+def show(file: str, damage: DamageReport, found: dict[str, Any]) -> None:
+    catalogue = damage.catalogue
     closed = "closed" if found["closed"] else f"NOT{JOINED}CLOSED"
     say(
         f"{file}: hapf {found['version']} level {found['level']}, "
@@ -318,8 +333,7 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
             say(text)
     for attachment in found["attachments"]:
         say(f"attachment: {attachment['name']} ({attachment['size']} bytes)")
-    for finding in catalogue.findings:
-        complain(str(finding))
+    tell_some(damage.lines())
     if catalogue.unsupported:
         complain(str(catalogue.unsupported))
 

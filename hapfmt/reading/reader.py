@@ -24,7 +24,7 @@ from ..errors import (
 from ..files import Closing
 from ..format.cluster import Packet
 from ..format.extras import Attachment
-from ..format.source import open_source
+from ..format.source import ByteSource, open_source
 from ..format.track import Track, lone_lf
 from ..format.walk import Chunk, Finding, read_chunk
 from ..limits import Limits
@@ -33,7 +33,7 @@ from ..numbers import exact as exact_number
 from ..recording import Event, Recording, observed_between, past_end
 from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
-from .damage import LostSpan, damaged_areas
+from .damage import DamageReport, LostSpan, damaged_areas
 from .decoder import (
     BANDS,
     Assembly,
@@ -154,7 +154,7 @@ class Reader(Closing):
 
     def __init__(
         self,
-        file: str | os.PathLike[str] | bytes | BinaryIO,
+        file: str | os.PathLike[str] | bytes | BinaryIO | ByteSource,
         *,
         limits: Limits | None = None,
         strict: bool = False,
@@ -218,6 +218,11 @@ class Reader(Closing):
         codes = (finding.code for finding in self.findings)
         unknown = self.catalogue.not_understood
         return verdict_of(codes, unknown=unknown, lost=bool(self.lost))
+
+    def damage(self, channels: Sequence[str | int] | str | int | None = None) -> DamageReport:
+        """What is wrong with the parts read so far; ``channels``: those that were read."""
+        numbers = None if channels is None else {ref.number for ref in self.select(channels)}
+        return DamageReport(self.catalogue, self.lost, numbers)
 
     @property
     def duration(self) -> Fraction:
