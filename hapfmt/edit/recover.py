@@ -334,9 +334,9 @@ def recover(
 
     Packets are copied bit for bit. Packets that do not decode are left out; missing samples become
     gaps. ``canonical`` is the file id, which is random otherwise. ``file_id``: for a file that
-    contains parts of others, the id of the file to read; None: the one that has most of the bytes.
-    ``force`` replaces an existing file. ``progress`` is called with (clusters done, clusters in
-    all).
+    contains parts of others, the id of the file to read; None: that of its start and end, or else
+    of most bytes. ``force`` replaces an existing file. ``progress`` is called with (clusters done,
+    clusters in all).
 
     Raises FormatError if ``file`` is not a hapf file at all, and UnsupportedError if its version or
     a feature bit is unknown. Then nothing is written.

@@ -143,8 +143,9 @@ class Reader(Closing):
     spool
         for URLs: fetch the whole file first, not only the parts that are read.
     file_id
-        for a file that contains parts of others: the id of the file to read. None: the one that has
-        most of the bytes. The finding *other-file* names the ids.
+        for a file that contains parts of others: the id of the file to read. None: the one of
+        its start and its end, or, if these differ, of most bytes. The finding *other-file* names
+        the ids.
 
     A text with :// or :: is a URL for fsspec (extra "remote").
     """
