@@ -272,7 +272,7 @@ def test_damage_is_drawn_and_reported(room, pages, capsys):
     assert run("plot", room / "cut.hapf", "--output", room / "x.png") == 3
     figure = pages[0][0][0]
     assert "cut.hapf" in capsys.readouterr().err
-    assert "findings" in words_of(figure)
+    assert "damage in " in words_of(figure)
     check_nothing_lies_on_the_data(figure)
 
 
@@ -292,7 +292,9 @@ def test_one_damaged_packet_of_many(tmp_path, pages, capsys):
     assert drawn == [place != 13 for place in range(27)]
     assert "lost to damage" in figure.axes[13].get_legend_handles_labels()[1]
     assert "lost to damage" in check_palette(figure)
-    assert "lost: channel 13" in words_of(figure)
+    words = words_of(figure)
+    assert "lost: channel 13" in words and "1 of 27 channels lost samples to damage" in words
+    assert "every sample lossless" not in words
 
 
 def test_many_gaps_leave_the_signal_visible(tmp_path, pages):
@@ -523,7 +525,7 @@ class TestCompare:
         assert "difference B − A" in check_palette(figure)
         check_nothing_lies_on_the_data(figure)
         assert "samples in one only" in shown[0].get_title("left")
-        assert "findings" in words_of(figure)
+        assert "B: damage in " in words_of(figure)
 
     @pytest.mark.parametrize(
         ("count", "differing", "most", "expected"),

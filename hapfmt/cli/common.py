@@ -26,7 +26,6 @@ from ..files import refuse
 from ..format.wire import FILE_ID_LIMIT
 from ..limits import Limits
 from ..numbers import counted, exact
-from ..reading.damage import told
 from ..units import units_for
 from .screen import JOINED, closed, complain, note, raw, say, terminal_text, width_of
 
@@ -654,7 +653,7 @@ def contents(found: Recording | Import) -> str:
 def tell_losses(reader: Reader) -> int:
     """What is wrong with a file that was read, on standard error; the exit code (SPEC 13)."""
     name = reader.source.path or "input"
-    lines = [f"{name}: {line}" for line in told(reader.catalogue, reader.lost)]
+    lines = [f"{name}: {line}" for line in reader.damage().lines()]
     if reader.source.path and reader.exit_code == DAMAGED:
         lines.append(f"for details, run: hapfmt verify -v {shlex.quote(reader.source.path)}")
     tell_some(lines)

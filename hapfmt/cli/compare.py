@@ -125,6 +125,8 @@ def compare(
                     progress=advance,
                 )  # fmt: skip
             code = max(finish(one, start, stop), finish(two, start, stop))
+            reports = {"a": one.damage(start, stop), "b": two.damage(start, stop)}
+            damage = {name: each and each.as_json() for name, each in reports.items()}
             footnotes = [
                 *damage_of(one, start, stop, "A: "),
                 *damage_of(two, start, stop, "B: "),
@@ -138,7 +140,7 @@ def compare(
     if not all(row.within for row in found):
         code = max(code, DIFFERENT)
     if as_json:
-        names = {"a": a, "b": b, "exit_code": code}
+        names = {"a": a, "b": b, "exit_code": code, "damage": damage}
         same = all(row.identical for row in found)
         echo_json({**names, "identical": same, "channels": [row.as_json() for row in found]})
     else:

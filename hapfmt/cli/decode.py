@@ -109,8 +109,7 @@ def decode(
                     "channel_count": len(recording),
                     "sample_count": recording.sample_count,
                     "duration_s": float(recording.duration),
-                    "findings": [finding.as_json() for finding in reader.findings],
-                    "lost": [lost._asdict() for lost in reader.lost],
+                    "damage": reader.damage(names).as_json(),
                     "exit_code": code,
                 }
             )

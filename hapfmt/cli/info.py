@@ -23,6 +23,7 @@ from ..format.wire import id_text
 from ..limits import Limits
 from ..numbers import counted
 from ..reading.catalogue import Catalogue, ChannelRef, FalseIndexError
+from ..reading.damage import DamageReport
 from ..reading.follow import Follower
 from ..reading.opening import open_catalogue
 from ..units import unit_text
@@ -139,8 +140,8 @@ def info(
     """Print what FILE contains: channels, rates, units and times. A .hapf file also has codecs and
     error bounds, and may be closed or not.
 
-    Only the index and the descriptions are read; only --events decodes anything. FILE may be a
-    URL. --follow ends when the file is closed, or with Ctrl-C.
+    Only the index and the descriptions are read, unless these are damaged; --events decodes the
+    events. FILE may be a URL. --follow ends when the file is closed, or with Ctrl-C.
 
     For a file of another format, the channels are those that encode makes. The options are those
     of encode: try them here first.
@@ -169,11 +170,11 @@ def info(
             raise ParameterError("give one of --events and --follow")
         return follow_file(file, 1 if interval is None else interval, as_json)
     look = with_its_events if events else described
-    catalogue, found = look(file, max_memory)
+    damage, found = look(file, max_memory)
     if as_json:
         echo_json(found)
     else:
-        show(file, catalogue, found)
+        show(file, damage, found)
     return int(found["exit_code"])
 
 
@@ -189,27 +190,37 @@ def is_hapf(file: str, input_format: str | None) -> bool:
     return format_of(file, input_format) is None
 
 
-def described(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any]]:
+def described(file: str, limits: Limits) -> tuple[DamageReport, dict[str, Any]]:
     source = open_source(input_of(file))
     try:
         catalogue = open_catalogue(source, limits=limits)
         try:
-            return catalogue, describe(catalogue)
+            return facts(catalogue)
         except FalseIndexError:
-            catalogue = open_catalogue(source, scan=True, limits=limits)
-            return catalogue, describe(catalogue)
+            return facts(open_catalogue(source, scan=True, limits=limits))
     finally:
         source.close()
 
 
-def with_its_events(file: str, limits: Limits) -> tuple[Catalogue, dict[str, Any]]:
+def facts(catalogue: Catalogue) -> tuple[DamageReport, dict[str, Any]]:
+    """The facts of info; of a damaged file with what ``verify`` says of it."""
+    damage = DamageReport(catalogue, [])
+    if catalogue.damaged:
+        from ..reading.reader import Reader
+        from ..reading.verifier import examine
+
+        damage = examine(Reader(catalogue.source, scan=True, limits=catalogue.limits))
+        catalogue = damage.catalogue
+    told = None if catalogue.indexed else damage.as_json()
+    return damage, describe(catalogue) | {"damage": told}
+
+
+def with_its_events(file: str, limits: Limits) -> tuple[DamageReport, dict[str, Any]]:
     from ..reading.reader import Reader
 
     with Reader(input_of(file), limits=limits) as reader:
-        return reader.catalogue, {
-            **describe(reader.catalogue),
-            "events": events_json(reader.events()),
-        }
+        damage, found = facts(reader.catalogue)
+        return damage, {**found, "events": events_json(reader.events())}
 
 
 def describe(catalogue: Catalogue) -> dict[str, Any]:
@@ -330,7 +341,8 @@ def unsupported_of(ref: ChannelRef) -> str | None:
     return next((reason for reason in reasons if reason), None)
 
 
-def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
+def show(file: str, damage: DamageReport, found: dict[str, Any]) -> None:
+    catalogue = damage.catalogue
     closed = "closed" if found["closed"] else f"NOT{JOINED}CLOSED"
     say(
         f"{file}: hapf {found['version']} level {found['level']}, "
@@ -364,8 +376,7 @@ def show(file: str, catalogue: Catalogue, found: dict[str, Any]) -> None:
             say(text)
     for attachment in found["attachments"]:
         say(f"attachment: {attachment['name']} ({attachment['size']} bytes)")
-    for finding in catalogue.findings:
-        complain(str(finding))
+    tell_some(damage.lines())
     if catalogue.unsupported:
         complain(str(catalogue.unsupported))
 

@@ -161,10 +161,9 @@ def draw(
     title = printable(Path(name).name if name != "-" else "standard input")
     if original is not None:
         title += ", against its original"
-    whole = start is None and stop is None
     words = Words(
         title,
-        header(parts, views, name, whole, original is not None),
+        header(parts, views, name, start, stop, original is not None),
         footnotes(parts, views, start, stop),
     )
     return pages(
@@ -173,20 +172,25 @@ def draw(
 
 
 def header(
-    parts: Parts, views: list[ChannelView], name: str, whole: bool, compared: bool
+    parts: Parts,
+    views: list[ChannelView],
+    name: str,
+    start: Fraction | None,
+    stop: Fraction | None,
+    compared: bool,
 ) -> list[str]:
     """The facts of the file."""
     from ..lab.parts import FileParts
     from ..lab.views import facts
 
-    size = None
+    size, whole, damage = None, start is None and stop is None, parts.damage(start, stop)
     if isinstance(parts, FileParts):
         size = parts.reader.source.size
         # The ratio is that of the whole file, so it needs all channels.
         whole = whole and len(views) == len(parts.reader.channels)
     elif Path(name).is_file():
         size = Path(name).stat().st_size
-    found = facts(parts, views, size=size, whole=whole)
+    found = facts(parts, views, size=size, whole=whole, damage=damage.headline() if damage else "")
     return found + largest_error(views) if compared else found
 
 
@@ -217,20 +221,10 @@ def damage_of(
     parts: Parts, start: Fraction | None, stop: Fraction | None, name: str = ""
 ) -> list[str]:
     """Damage of the file, in a few lines."""
-    from ..lab.parts import FileParts
-    from ..reading.damage import lost_lines
-
-    lines: list[str] = []
-    if isinstance(parts, FileParts):
-        found = parts.reader.findings
-        if found:
-            kinds = sorted({finding.code for finding in found})
-            lines.append(f"{name}{len(found)} findings ({', '.join(kinds)})")
-        lost = lost_lines(parts.reader.catalogue, parts.lost_within(start, stop))
-        lines += [name + line for line in lost[:LINES]]
-        if len(lost) > LINES:
-            lines.append(f"{name}... and {len(lost) - LINES} more losses")
-    return lines
+    damage = parts.damage(start, stop)
+    lines = damage.lines() if damage else []
+    more = [f"... and {len(lines) - LINES} more"] if len(lines) > LINES else []
+    return [name + line for line in [*lines[:LINES], *more]]
 
 
 def finish(parts: Parts, start: Fraction | None, stop: Fraction | None) -> int:

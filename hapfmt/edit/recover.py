@@ -45,7 +45,7 @@ from ..format.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, check_file_id
 from ..limits import LAST_TRACK_ID, Limits
 from ..numbers import counted
 from ..reading.catalogue import Catalogue, ChunkRef
-from ..reading.damage import LostPart, LostSpan, damage_report, lost_parts, told
+from ..reading.damage import DamageReport, LostPart, LostSpan
 from ..reading.decoder import PieceDecoder, TrackDecoder, TrackDigest
 from ..reading.opening import from_walk, lose_chunk
 from ..reading.packets import PacketPass
@@ -334,9 +334,9 @@ def recover(
 
     Packets are copied bit for bit. Packets that do not decode are left out; missing samples become
     gaps. ``canonical`` is the file id, which is random otherwise. ``file_id``: for a file that
-    contains parts of others, the id of the file to read; None: the one that has most of the bytes.
-    ``force`` replaces an existing file. ``progress`` is called with (clusters done, clusters in
-    all).
+    contains parts of others, the id of the file to read; None: that of its start and end, or else
+    of most bytes. ``force`` replaces an existing file. ``progress`` is called with (clusters done,
+    clusters in all).
 
     Raises FormatError if ``file`` is not a hapf file at all, and UnsupportedError if its version or
     a feature bit is unknown. Then nothing is written.
@@ -479,9 +479,8 @@ class Copy:
         if done.findings or done.exit_code == DAMAGED:
             write_note(catalogue, self.writer, self.note())
         self.writer.close()
-        done.lost = lost_parts(catalogue, self.lost)
-        done.summary = told(catalogue, self.lost)
-        done.damage = damage_report(catalogue, self.lost)
+        damage = DamageReport(catalogue, self.lost)
+        done.lost, done.summary, done.damage = damage.parts(), damage.lines(), damage.as_json()
         done.file_size = self.writer.offset
         return done
 
@@ -564,7 +563,7 @@ class Copy:
         done = self.done
         if done.exit_code != DAMAGED:
             return "recovered; nothing was lost that stood in the file, its end may be missing"
-        lines = told(self.catalogue, self.lost)
+        lines = DamageReport(self.catalogue, self.lost).lines()
         if len(lines) > NOTED:
             lines[NOTED:] = [f"and {len(lines) - NOTED} more"]
         kept = f"recovered from a damaged file: {counted(done.packets, 'packet')} kept"

@@ -23,7 +23,7 @@ from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol, cast
+from typing import Any, BinaryIO, Protocol, cast, runtime_checkable
 from urllib.parse import urlsplit
 
 from ..errors import HapfmtError, MissingExtraError, ParameterError
@@ -361,6 +361,7 @@ memory, or read from a file, and their CRC computed."""
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.\-]+(://|::)")
 
 
+@runtime_checkable
 class ByteSource(Protocol):
     """Random access to a file's bytes. ``gap``: as many bytes cost what a further reading costs."""
 
@@ -487,13 +488,18 @@ class StreamSource(LocalSource):
 
 
 def open_source(
-    file: str | os.PathLike[str] | bytes | BinaryIO, *, mapped: bool = False, spool: bool = False
+    file: str | os.PathLike[str] | bytes | BinaryIO | ByteSource,
+    *,
+    mapped: bool = False,
+    spool: bool = False,
 ) -> ByteSource:
-    """A Source for a path, a URL, bytes, or an open binary stream.
+    """A Source for a path, a URL, bytes, an open binary stream, or a Source, which stays itself.
 
     A pipe is spooled first; a URL too, where ``spool`` says so: copied whole into memory or a
     temporary file. ``mapped``: the file of this path as a mapping (see MappedSource).
     """
+    if isinstance(file, ByteSource):
+        return file
     if isinstance(file, str) and is_url(file):
         if mapped:
             raise ParameterError("only a local file can be mapped")

@@ -15,7 +15,7 @@ from ..codecs.quantised import QuanParameters
 from ..errors import HapfmtError
 from ..format.track import Contract, Track
 from ..reading.catalogue import ChannelRef, TrackPair
-from ..reading.damage import LostSpan
+from ..reading.damage import DamageReport, LostSpan
 from ..reading.decoder import Assembly, build_channel, join
 from ..reading.packets import tick_range
 from ..reading.reader import Reader
@@ -124,6 +124,9 @@ class Parts(Protocol):
 
     def events(self, start: Fraction, stop: Fraction) -> list[Event]: ...
 
+    def damage(self, start: Fraction | None, stop: Fraction | None, /) -> DamageReport | None:
+        """What is wrong, as far as the seconds [start, stop) of these channels were examined."""
+
     def close(self) -> None: ...
 
 
@@ -161,6 +164,9 @@ class RecordingParts:
 
     def events(self, start: Fraction, stop: Fraction) -> list[Event]:
         return [event for event in self.recording.events if start <= event.time < stop]
+
+    def damage(self, *_seconds: Fraction | None) -> None:
+        return None
 
     def close(self) -> None:
         pass
@@ -244,6 +250,10 @@ class FileParts:
             if not track or (span.start < last and (span.stop is None or span.stop > first)):
                 found.append(span)
         return found
+
+    def damage(self, start: Fraction | None, stop: Fraction | None) -> DamageReport:
+        numbers = {ref.number for ref in self.refs}
+        return DamageReport(self.reader.catalogue, self.lost_within(start, stop), numbers)
 
     def events(self, start: Fraction, stop: Fraction) -> list[Event]:
         before = self.reader.lost

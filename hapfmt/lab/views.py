@@ -580,9 +580,15 @@ def liveliest(view: ChannelView, ticks: int) -> tuple[Fraction, Fraction] | None
 
 
 def facts(
-    parts: Parts, views: Sequence[ChannelView], *, size: int | None = None, whole: bool = True
+    parts: Parts,
+    views: Sequence[ChannelView],
+    *,
+    size: int | None = None,
+    whole: bool = True,
+    damage: str = "",
 ) -> list[str]:
-    """Returns short texts. size: bytes of the file. whole: all channels and times are shown."""
+    """Returns short texts. size: bytes of the file. whole: all channels and times are shown.
+    damage: the headline of the report."""
     count = len(views)
     samples = sum(view.full.sample_count for view in views)
     found = [f"{count} channel{'s' if count != 1 else ''}"]
@@ -598,7 +604,9 @@ def facts(
         preset = preset_of(parts.reader.metadata.get("encoder"))[:40]
         if preset:
             found.append(f"preset {preset}")
-        if not any(view.is_lossy for view in views):
+        if damage:
+            found.append(damage)
+        elif not any(view.is_lossy for view in views):
             found.append("every sample lossless")
     return found
 

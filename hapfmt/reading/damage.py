@@ -7,7 +7,7 @@ indexes also show which DATA chunks a damaged file has lost, and their times (SP
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -16,6 +16,7 @@ from ..errors import HARMLESS, FormatError
 from ..format.extras import MS_LIMIT, IndexEntry, parse_index
 from ..format.track import Track
 from ..format.walk import Finding, read_chunk
+from ..numbers import counted
 from .catalogue import Catalogue, ChannelRef
 
 ANYWHERE = 1 << 63
@@ -177,25 +178,152 @@ WORDS = {
 """Codes of findings, for people."""
 
 
-def damage_report(catalogue: Catalogue, lost: Sequence[LostSpan]) -> dict[str, Any]:
-    """The JSON object of docs/spec/recovery.md."""
-    damages: list[dict[str, Any]] = [
-        {**finding.as_json(), "lost": []} for finding in catalogue.findings
-    ]
-    by_offset: dict[int | None, list[dict[str, Any]]] = {}
-    for damage in damages:
-        by_offset.setdefault(damage["offset"], damage["lost"])
-    apart: list[dict[str, Any]] = []
-    channels = by_track(catalogue)
-    for span in lost:
-        numbers = [ref.number for ref in channels.get(span.track, [])]
-        by_offset.get(span.offset, apart).append(span_json(catalogue, span, numbers))
-    return {
-        "damages": damages,
-        "lost": apart,
-        "byte_count": damaged_bytes(catalogue.findings, catalogue.source.size),
-        "channels": channels_json(catalogue, channels, lost),
-    }
+class LostPart(NamedTuple):
+    """A part of channels that damage took, in seconds; ``stop`` None: up to an unknown end, both
+    None: of an unknown rate."""
+
+    labels: tuple[str, ...]
+    start: float | None
+    stop: float | None
+
+
+@dataclass(frozen=True)
+class DamageReport:
+    """What is wrong with a file, and what that took: every verb shows this report and no other.
+
+    ``spans`` are the lost spans of the tracks that were read; ``numbers`` the channels that were
+    read, None: all.
+    """
+
+    catalogue: Catalogue
+    spans: Sequence[LostSpan]
+    numbers: Collection[int] | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """The JSON object of docs/spec/recovery.md."""
+        catalogue = self.catalogue
+        damages: list[dict[str, Any]] = [
+            {**finding.as_json(), "lost": []} for finding in catalogue.findings
+        ]
+        by_offset: dict[int | None, list[dict[str, Any]]] = {}
+        for damage in damages:
+            by_offset.setdefault(damage["offset"], damage["lost"])
+        apart: list[dict[str, Any]] = []
+        channels = by_track(catalogue)
+        for span in self.spans:
+            numbers = [ref.number for ref in channels.get(span.track, [])]
+            by_offset.get(span.offset, apart).append(span_json(catalogue, span, numbers))
+        return {
+            "damages": damages,
+            "lost": apart,
+            "byte_count": damaged_bytes(catalogue.findings, catalogue.source.size),
+            "channels": self.channels(),
+        }
+
+    def channels(self) -> list[dict[str, Any]]:
+        """At most how many ticks of each channel are lost in full band."""
+        channels = by_track(self.catalogue)
+        spans: dict[int, list[tuple[int, int]]] = {}
+        open_ended: set[int] = set()
+        for span in self.spans:
+            for ref in channels.get(span.track, []):
+                if span.stop is None:
+                    open_ended.add(ref.number)
+                else:
+                    spans.setdefault(ref.number, []).append((span.start, span.stop))
+        out = []
+        for ref in self.catalogue.channels:
+            if self.numbers is not None and ref.number not in self.numbers:
+                continue
+            lost = joined(sorted(spans.get(ref.number, [])))
+            count = sum(stop - start for start, stop in lost)
+            known = ref.number not in open_ended
+            out.append(
+                {
+                    "channel": ref.number,
+                    "label": ref.label,
+                    "lost_ticks": count if known else None,
+                    "lost_s": float(count / ref.track.rate) if known else None,
+                }
+            )
+        return out
+
+    def headline(self) -> str:
+        """How many channels lost samples; empty where nothing is damaged."""
+        rows = self.channels()
+        lossy = sum(row["lost_ticks"] != 0 for row in rows)
+        if lossy:
+            return f"{lossy} of {counted(len(rows), 'channel')} lost samples to damage"
+        damaged = any(finding.code not in HARMLESS for finding in self.catalogue.findings)
+        return "damaged, no sample is known to be lost" if damaged else ""
+
+    def parts(self) -> list[LostPart]:
+        """The spans by label and seconds."""
+        channels, found = by_track(self.catalogue), []
+        for span in self.spans:
+            track = self.catalogue.tracks.get(span.track)
+            names = [ref.label or f"channel {ref.number}" for ref in channels.get(span.track, [])]
+            names = names or [name_of(track) if track else f"track {span.track}"]
+            known = span_json(self.catalogue, span, [])
+            found.append(LostPart(tuple(names), known["start_s"], known["stop_s"]))
+        return found
+
+    def lines(self) -> list[str]:
+        """For people: the damage in one line, what it took, and what is unknown."""
+        catalogue, lines = self.catalogue, []
+        found = [finding for finding in catalogue.findings if finding.code not in HARMLESS]
+        if found:
+            kinds = dict.fromkeys(WORDS.get(finding.code, finding.code) for finding in found)
+            areas = damaged_areas(found)
+            places = "1 place" if len(areas) == 1 else f"{len(areas)} places"
+            end = catalogue.source.size
+            size = sum(min(stop, end) - min(start, end) for start, stop in areas)
+            lines.append(f"damage in {places}, {size} bytes: {', '.join(kinds)}")
+        lines += [f"{each.message} (file_id=)" for each in found if each.code == "other-file"]
+        losses = self.losses()
+        lines += losses
+        if found and not losses:
+            lines.append("no sample is known to be lost")
+        if not catalogue.closed:
+            last = float(last_known(catalogue, self.spans))
+            lines.append(f"the file was not closed; what came after {last:.6g} s is unknown")
+        return lines
+
+    def losses(self) -> list[str]:
+        """For people: equal losses in one line, with channels and seconds.
+
+        An index gives times in milliseconds, and the end of a track is unknown (SPEC 14.2). So a
+        span may begin where the recording ends, as far as the file tells: it is left out here.
+        """
+        channels = by_track(self.catalogue)
+        undescribed: set[int] = set()
+        groups: dict[tuple[Fraction, Fraction | None], dict[str, set[str]]] = {}
+        for track, start, stop in seconds_lost(self.catalogue, self.spans, undescribed):
+            refs = channels.get(track.id, [])
+            names = [ref.label or f"channel {ref.number}" for ref in refs] or [name_of(track)]
+            group = groups.setdefault((start, stop), {})
+            for name in names:
+                group.setdefault(name, set()).add(track.kind)
+        lines = []
+        for (start, stop), group in groups.items():
+            end = "the end" if stop is None else f"{float(stop):.6g} s"
+            for kinds, suffix in ((["lf"], " (LF)"), (["hf"], " (HF)"), (None, "")):
+                names = [
+                    name for name, own in group.items()
+                    if (list(own) == kinds if kinds else list(own) not in (["lf"], ["hf"]))
+                ]  # fmt: skip
+                if len(names) > SHOWN:
+                    few = f"{len(names)} channels ({', '.join(names[:SHOWN])} ...)"
+                    lines.append(f"lost in {few}{suffix}: {float(start):.6g} s to {end}")
+                elif names:
+                    few = ", ".join(names)
+                    lines.append(f"lost: {few}{suffix} from {float(start):.6g} s to {end}")
+        if undescribed:
+            ids = sorted(undescribed)
+            shown = ", ".join(map(str, ids[:SHOWN])) + (" ..." if len(ids) > SHOWN else "")
+            what = f"track {shown}" if len(ids) == 1 else f"{len(ids)} tracks ({shown})"
+            lines.append(f"lost: {what}, whose description is lost")
+        return lines
 
 
 def by_track(catalogue: Catalogue) -> dict[int, list[ChannelRef]]:
@@ -218,54 +346,6 @@ def span_json(catalogue: Catalogue, span: LostSpan, channels: list[int]) -> dict
         "start_s": float(span.start / rate) if rate else None,
         "stop_s": float(span.stop / rate) if rate and span.stop is not None else None,
     }
-
-
-def channels_json(
-    catalogue: Catalogue, channels: dict[int, list[ChannelRef]], lost: Iterable[LostSpan]
-) -> list[dict[str, Any]]:
-    """At most how many ticks of each channel are lost in full band."""
-    spans: dict[int, list[tuple[int, int]]] = {}
-    open_ended: set[int] = set()
-    for span in lost:
-        for ref in channels.get(span.track, []):
-            if span.stop is None:
-                open_ended.add(ref.number)
-            else:
-                spans.setdefault(ref.number, []).append((span.start, span.stop))
-    out = []
-    for ref in catalogue.channels:
-        places = joined(sorted(spans.get(ref.number, [])))
-        count = None if ref.number in open_ended else sum(stop - start for start, stop in places)
-        out.append(
-            {
-                "channel": ref.number,
-                "label": ref.label,
-                "lost_ticks": count,
-                "lost_s": None if count is None else float(count / ref.track.rate),
-            }
-        )
-    return out
-
-
-class LostPart(NamedTuple):
-    """A part of channels that damage took, in seconds; ``stop`` None: up to an unknown end, both
-    None: of an unknown rate."""
-
-    labels: tuple[str, ...]
-    start: float | None
-    stop: float | None
-
-
-def lost_parts(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[LostPart]:
-    """The spans by label and seconds."""
-    channels, found = by_track(catalogue), []
-    for span in lost:
-        track = catalogue.tracks.get(span.track)
-        names = [ref.label or f"channel {ref.number}" for ref in channels.get(span.track, [])]
-        names = names or [name_of(track) if track else f"track {span.track}"]
-        known = span_json(catalogue, span, [])
-        found.append(LostPart(tuple(names), known["start_s"], known["stop_s"]))
-    return found
 
 
 def damaged_areas(findings: Iterable[Finding]) -> list[tuple[int, int]]:
@@ -301,28 +381,6 @@ def joined(spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
         yield current
 
 
-def told(catalogue: Catalogue, lost: Sequence[LostSpan]) -> list[str]:
-    """For people: the damage in one line, what it took, and what is unknown."""
-    lines = []
-    found = [finding for finding in catalogue.findings if finding.code not in HARMLESS]
-    if found:
-        kinds = dict.fromkeys(WORDS.get(finding.code, finding.code) for finding in found)
-        areas = damaged_areas(found)
-        places = "1 place" if len(areas) == 1 else f"{len(areas)} places"
-        end = catalogue.source.size
-        size = sum(min(stop, end) - min(start, end) for start, stop in areas)
-        lines.append(f"damage in {places}, {size} bytes: {', '.join(kinds)}")
-    lines += [f"{each.message} (file_id=)" for each in found if each.code == "other-file"]
-    losses = lost_lines(catalogue, lost)
-    lines += losses
-    if found and not losses:
-        lines.append("no sample is known to be lost")
-    if not catalogue.closed:
-        last = float(last_known(catalogue, lost))
-        lines.append(f"the file was not closed; what came after {last:.6g} s is unknown")
-    return lines
-
-
 def open_starts(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[Fraction]:
     """Where what is left of a track ends, in seconds. How much follows is unknown."""
     return [
@@ -335,42 +393,6 @@ def open_starts(catalogue: Catalogue, lost: Iterable[LostSpan]) -> list[Fraction
 def last_known(catalogue: Catalogue, lost: Iterable[LostSpan]) -> Fraction:
     """Seconds to the end of what is left; a chunk that is cut short has no times of its own."""
     return max([catalogue.duration, *open_starts(catalogue, lost)])
-
-
-def lost_lines(catalogue: Catalogue, lost: Sequence[LostSpan]) -> list[str]:
-    """For people: equal losses in one line, with channels and seconds.
-
-    An index gives times in milliseconds, and the end of a track is unknown (SPEC 14.2). So a span
-    may begin where the recording ends, as far as the file tells: it is left out here.
-    """
-    channels = by_track(catalogue)
-    undescribed: set[int] = set()
-    groups: dict[tuple[Fraction, Fraction | None], dict[str, set[str]]] = {}
-    for track, start, stop in seconds_lost(catalogue, lost, undescribed):
-        refs = channels.get(track.id, [])
-        names = [ref.label or f"channel {ref.number}" for ref in refs] or [name_of(track)]
-        group = groups.setdefault((start, stop), {})
-        for name in names:
-            group.setdefault(name, set()).add(track.kind)
-    lines = []
-    for (start, stop), group in groups.items():
-        end = "the end" if stop is None else f"{float(stop):.6g} s"
-        for kinds, suffix in ((["lf"], " (LF)"), (["hf"], " (HF)"), (None, "")):
-            names = [
-                name for name, own in group.items()
-                if (list(own) == kinds if kinds else list(own) not in (["lf"], ["hf"]))
-            ]  # fmt: skip
-            if len(names) > SHOWN:
-                few = f"{len(names)} channels ({', '.join(names[:SHOWN])} ...)"
-                lines.append(f"lost in {few}{suffix}: {float(start):.6g} s to {end}")
-            elif names:
-                lines.append(f"lost: {', '.join(names)}{suffix} from {float(start):.6g} s to {end}")
-    if undescribed:
-        ids = sorted(undescribed)
-        shown = ", ".join(map(str, ids[:SHOWN])) + (" ..." if len(ids) > SHOWN else "")
-        what = f"track {shown}" if len(ids) == 1 else f"{len(ids)} tracks ({shown})"
-        lines.append(f"lost: {what}, whose description is lost")
-    return lines
 
 
 def seconds_lost(

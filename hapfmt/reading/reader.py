@@ -22,7 +22,7 @@ from ..errors import (
 from ..files import Closing
 from ..format.cluster import Packet
 from ..format.extras import Attachment
-from ..format.source import open_source
+from ..format.source import ByteSource, open_source
 from ..format.track import Track, lone_lf
 from ..format.walk import Chunk, Finding, read_chunk
 from ..limits import Limits
@@ -31,7 +31,7 @@ from ..numbers import exact as exact_number
 from ..recording import Event, Recording, observed_between, refuse_past_end
 from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
-from .damage import LostSpan, damaged_areas
+from .damage import DamageReport, LostSpan, damaged_areas
 from .decoder import (
     BANDS,
     Assembly,
@@ -141,8 +141,9 @@ class Reader(Closing):
     spool
         for URLs: fetch the whole file first, not only the parts that are read.
     file_id
-        for a file that contains parts of others: the id of the file to read. None: the one that has
-        most of the bytes. The finding *other-file* names the ids.
+        for a file that contains parts of others: the id of the file to read. None: the one of
+        its start and its end, or, if these differ, of most bytes. The finding *other-file* names
+        the ids.
 
     A text with :// or :: is a URL for fsspec (extra "remote").
     """
@@ -152,7 +153,7 @@ class Reader(Closing):
 
     def __init__(
         self,
-        file: str | os.PathLike[str] | bytes | BinaryIO,
+        file: str | os.PathLike[str] | bytes | BinaryIO | ByteSource,
         *,
         limits: Limits | None = None,
         strict: bool = False,
@@ -216,6 +217,11 @@ class Reader(Closing):
         codes = (finding.code for finding in self.findings)
         unknown = self.catalogue.not_understood
         return verdict_of(codes, unknown=unknown, lost=bool(self.lost))
+
+    def damage(self, channels: Sequence[str | int] | str | int | None = None) -> DamageReport:
+        """What is wrong with the parts read so far; ``channels``: those that were read."""
+        numbers = None if channels is None else {ref.number for ref in self.select(channels)}
+        return DamageReport(self.catalogue, self.lost, numbers)
 
     @property
     def duration(self) -> Fraction:

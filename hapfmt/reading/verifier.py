@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, BinaryIO, NamedTuple
@@ -42,7 +43,7 @@ from ..limits import TICK_LIMIT, Limits
 from ..numbers import counted
 from ..recording import Calibration, Channel, Recording
 from .catalogue import Catalogue, ChannelRef, ChunkRef, TrackPair
-from .damage import LostPart, damage_report, lost_parts, told
+from .damage import DamageReport, LostPart
 from .decoder import intersect
 from .reader import DigestCheck, Reader
 
@@ -423,9 +424,9 @@ def verify(
             report.error = error.at(path=reader.source.path)
         catalogue = reader.catalogue
         report.findings = [finding.as_json() for finding in catalogue.findings]
-        report.lost = lost_parts(catalogue, reader.lost)
-        report.summary = told(catalogue, reader.lost)
-        report.damage = damage_report(catalogue, reader.lost)
+        damage = reader.damage()
+        report.lost, report.summary = damage.parts(), damage.lines()
+        report.damage = damage.as_json()
         report.unknown = [header.type for header in catalogue.unknown]
         codes = [finding.code for finding in catalogue.findings]
         broken = any(check.broken for check in report.contracts)
@@ -434,6 +435,14 @@ def verify(
             for lost in (bool(reader.lost), bool(reader.lost) or broken)
         )
         return report
+
+
+def examine(reader: Reader) -> DamageReport:
+    """What ``verify`` reports of the damage in a file that was walked through."""
+    with suppress(FormatError, UnsupportedError, LimitError):
+        check_structure(reader.catalogue)
+        check_packets(reader, Report(), None)
+    return reader.damage()
 
 
 def check_structure(catalogue: Catalogue) -> None:

@@ -15,7 +15,7 @@ from ...format.track import Track
 from ...limits import TICK_LIMIT
 from ...numbers import exact
 from ...reading.catalogue import Catalogue, ChannelRef
-from ...reading.damage import LostSpan, lost_lines
+from ...reading.damage import DamageReport, LostSpan
 from ...reading.packets import Seconds
 from ...reading.reader import Reader
 from ...recording import Calibration
@@ -331,7 +331,7 @@ class Renderer:
     @property
     def lost(self) -> list[str]:
         """Spans lost to damage so far, in words."""
-        return lost_lines(self.reader.catalogue, self.lost_spans)
+        return DamageReport(self.reader.catalogue, self.lost_spans).losses()
 
     @property
     def lost_spans(self) -> list[LostSpan]:
