@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import random
+import re
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
@@ -13,10 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import exported, served
+from commands import run
 from spec import ROOT
 
 import hapfmt
-from hapfmt import Channel, Event, Recording, Span
+from hapfmt import Calibration, Channel, Event, Recording, Span
+from hapfmt.reading.damage import WORDS
+from hapfmt.reading.verifier import verify
 from hapfmt.viewer.bundle import VIEWER
 
 pytestmark = pytest.mark.deep
@@ -541,16 +546,227 @@ def test_thousands_of_channels(chromium: Any, tmp_path: Path) -> None:
     skin = [Channel(stored=stored, rate=100, label=f"taxel {i}", unit="kPa") for i in range(3000)]
     hapfmt.write(Recording(tuple(skin)), path, fast=True)
     with shown(chromium, path) as page:
-        assert page.locator("canvas").count() < 20
+        assert page.locator("canvas").count() < 30
         assert page.locator(".row").count() < 100
         page.keyboard.press("ArrowDown")
         page.locator("#panels").evaluate("panels => { panels.scrollTop = 1e9; }")
         settle(page)
         assert page.locator(".panel").last.inner_text().startswith("taxel 2999")
-        assert page.locator("canvas").count() < 20
-        page.keyboard.press("m")
+        assert page.locator("canvas").count() < 30
+        for _ in ("overlaid", "map"):
+            page.keyboard.press("m")
+            settle(page)
+            assert page.locator("canvas").count() < 20
+        assert page.locator(".panel canvas").count() == 1
+
+
+def glove(count: int, *, shift: float = 0, gain: float = 1) -> Recording:
+    """Joints that move one after the other, and forces with a unit of their own."""
+    times = np.arange(2000) / 200
+    stored = np.round(1000 * gain * np.sin(times[None] + np.arange(count)[:, None]) + shift)
+    return Recording(
+        tuple(
+            Channel(
+                stored=values.astype(np.int32), rate=200, label=f"joint {i} of the left hand",
+                unit="rad" if i % 2 else "{raw}",
+            )
+            for i, values in enumerate(stored)
+        )
+    )  # fmt: skip
+
+
+def whole(page: Any, selector: str) -> bool:
+    """Whether no text of these elements is cut."""
+    return bool(
+        page.evaluate(
+            "selector => [...document.querySelectorAll(selector)].every((e) =>"
+            " e.scrollWidth <= e.clientWidth + 1 || getComputedStyle(e).overflowX === 'visible')",
+            selector,
+        )
+    )
+
+
+def test_22_channels_are_in_sight(chromium: Any, tmp_path: Path) -> None:
+    hapfmt.write(glove(22), tmp_path / "glove.hapf")
+    with shown(chromium, tmp_path / "glove.hapf") as page:
+        boxes = [panel.bounding_box() for panel in page.locator(".panel").all()]
+        area = page.locator("#area").bounding_box()
+        assert len(boxes) == 22 and min(box["height"] for box in boxes) >= 28
+        assert max(box["y"] + box["height"] for box in boxes) <= area["y"] + area["height"]
+        names = page.locator(".panel .title bdi").all_inner_texts()
+        assert names == [f"joint {i} of the left hand" for i in range(22)]
+        assert whole(page, ".title bdi, #side .label")
+        assert "{" not in page.evaluate("document.body.innerText")
+        assert page.locator(".panel .title .unit").all_inner_texts()[:2] == ["raw", "rad"]
+
+
+def test_long_labels_are_whole(chromium: Any, tmp_path: Path) -> None:
+    label = "normal force at the distal phalanx of the right index finger"
+    stored = np.arange(1000, dtype=np.int32)
+    channels = (Channel(stored=stored, rate=100, label=label, unit="N"),)
+    hapfmt.write(Recording(channels), tmp_path / "a.hapf")
+    for width in (1280, 400):
+        size = {"width": width, "height": 800}
+        with shown(chromium, tmp_path / "a.hapf", "#a=2", viewport=size) as page:
+            assert whole(page, "#panel-values [role=rowheader] bdi, .strip-name")
+            row = page.locator("#panel-values [role=rowheader]").last
+            assert row.inner_text() == label
+            assert row.evaluate("e => e.scrollHeight <= e.clientHeight + 1")
+
+
+def test_values_are_folded_until_there_is_a_cursor(chromium: Any, touch: Path) -> None:
+    with shown(chromium, touch) as page:
+        values = page.locator("#panel-values")
+        assert not values.is_visible()
+        page.locator("#panels").click(position={"x": 500, "y": 100})
         settle(page)
-        assert page.locator("canvas").count() < 20
+        assert values.is_visible()
+        page.keyboard.press("i")
+        page.keyboard.press("b")
+        settle(page)
+        assert not values.is_visible()  # who has hidden them does not want them
+
+
+@pytest.mark.parametrize("tab", ["spectrum", "spectrogram"])
+def test_a_spectrum_has_room(chromium: Any, touch: Path, tab: str) -> None:
+    with shown(chromium, touch, f"#tab={tab}") as page:
+        page.wait_for_timeout(500)
+        settle(page)
+        assert page.locator("#dock").bounding_box()["height"] == pytest.approx(0.4 * 800, abs=1)
+        plots = page.locator(f"#panel-{tab} .plot:visible")
+        assert plots.first.bounding_box()["height"] >= 200
+        if tab == "spectrum":  # one axis for each unit
+            labels = [plot.get_attribute("aria-label") for plot in plots.locator("canvas").all()]
+            units = [text.split(" in ")[1].split(" by ")[0] for text in labels]
+            assert units == ["N/√Hz", "m/s2/√Hz", "Cel/√Hz"]
+
+
+def test_numbers_of_a_unit_have_the_same_decimals(chromium: Any, tmp_path: Path) -> None:
+    fine = Calibration(1, 0, 1_000_000)
+    stored = np.full(500, 105_000_000, np.int32)
+    channels = (
+        Channel(stored=np.full(500, 134, np.int32), rate=100, label="a", unit="Cel"),
+        Channel(stored=stored, calibration=fine, rate=100, label="b", unit="Cel"),
+    )
+    hapfmt.write(Recording(channels), tmp_path / "a.hapf")
+    with shown(chromium, tmp_path / "a.hapf", "#a=1") as page:
+        cells = page.locator("#panel-values [data-value]").all_inner_texts()
+        assert cells == ["134.000000", "105.000000"]
+        assert page.locator(".panel .reading").all_inner_texts() == [f"{x} Cel" for x in cells]
+
+
+def test_sizes_are_decimal(chromium: Any, tmp_path: Path) -> None:
+    values = np.random.default_rng(1).integers(-30_000, 30_000, (1, 600_000))
+    hapfmt.write(values, tmp_path / "a.hapf", rate=1000, labels=["a"])
+    size = (tmp_path / "a.hapf").stat().st_size
+    with shown(chromium, tmp_path / "a.hapf", "#tab=files") as page:
+        text = page.evaluate("document.body.innerText")
+        assert text.count(f"{size / 1e6:.3g} MB") == 2 and "iB" not in text
+
+
+def test_versions_share_a_chart_with_their_difference(chromium: Any, tmp_path: Path) -> None:
+    """Also of files whose starts differ."""
+    one, other = tmp_path / "one.hapf", tmp_path / "other.hapf"
+    hapfmt.write(glove(3), one)
+    hapfmt.write(glove(2, shift=7, gain=1.01), other)
+    with shown(chromium, [one, other]) as page:
+        titles = page.locator(".panel .title").all_inner_texts()
+        assert len(titles) == 5 and "other.hapf − one.hapf" in titles[1]
+        page.evaluate("window.hapf.app.state.set({ t0: 1, t1: 1.5 })")
+        settle(page)
+        found = page.evaluate(
+            "(() => { const { app, state } = window.hapf; const lane = state.lanes[3];"
+            " const { time, min, max } = app.signals.get(lane, 'difference');"
+            " const [one, other] = [state.lanes[0], lane].map((each) => app.panels.open.get('0:0').chart.colorOf({ lane: each, band: 'sum' }));"
+            " return { time: [...time], min: [...min], max: [...max], one, other }; })()"
+        )
+        ticks = np.rint(np.array(found["time"]) * 200).astype(int)
+        files = [hapfmt.read(path)[0].to_numpy() for path in (one, other)]
+        assert ticks.size > 100 and found["min"] == found["max"]
+        assert np.array_equal(found["min"], (files[1] - files[0])[ticks])
+        assert found["one"] != found["other"]
+        page.get_by_role("button", name="Compare").click()
+        settle(page)
+        assert page.locator(".panel").count() == 5
+        assert not any("−" in text for text in page.locator(".panel .title").all_inner_texts())
+
+
+def test_bins_of_a_difference_hold_its_extremes(chromium: Any, tmp_path: Path) -> None:
+    one, other = tmp_path / "one.hapf", tmp_path / "other.hapf"
+    values = np.random.default_rng(2).integers(-500, 500, (2, 1, 40_000))
+    hapfmt.write(values[0], one, rate=1000, labels=["a"])
+    hapfmt.write(values[1], other, rate=1000, labels=["a"])
+    with shown(chromium, [one, other]) as page:
+        low, high = page.evaluate(
+            "(() => { const { app, state } = window.hapf; const { min, max } ="
+            " app.signals.get(state.lanes[1], 'difference');"
+            " return [Math.min(...min), Math.max(...max)]; })()"
+        )
+        difference = values[1] - values[0]
+        assert [low, high] == [difference.min(), difference.max()]
+
+
+@pytest.mark.parametrize("count", [20, 2000])
+def test_a_map_of_channels(chromium: Any, tmp_path: Path, count: int) -> None:
+    """Each pixel has the colour of the value of its channel at its time."""
+    recording = glove(count)
+    hapfmt.write(recording, tmp_path / "glove.hapf", fast=True)
+    with shown(chromium, tmp_path / "glove.hapf", "#mode=map") as page:
+        panels = page.locator(".panel")
+        assert panels.count() == 2  # units
+        legend = page.locator(".map-legend").first.inner_text()
+        assert legend.split()[:2] == [str(count // 2), "channels"] and legend.endswith("raw")
+        row, share = count // 4, 0.4
+        pixel, wanted, name = page.evaluate(
+            "([row, share]) => { const { app, state } = window.hapf;"
+            " const { chart, group } = [...app.panels.open.values()][0]; const { picture } = chart;"
+            " const column = Math.floor(share * picture.width);"
+            " const time = state.t0 + ((column + 0.5) / picture.width) * (state.t1 - state.t0);"
+            " const data = picture.getContext('2d').getImageData(column, row, 1, 1).data;"
+            " return [[...data].slice(0, 3), time, group.lanes[row].name]; }",
+            [row, share],
+        )
+        channel = recording[name]
+        value = channel.to_numpy()[round(wanted * 200)]
+        level = (value + 1000) / 2000
+        assert pixel == pytest.approx(color_at(level), abs=6)
+        box = page.locator(".map").first.bounding_box()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        settle(page)
+        told = page.get_by_role("tooltip").inner_text()
+        assert told.startswith("joint ") and told.endswith(" raw")
+
+
+def color_at(share: float) -> list[float]:
+    """As spectrogram.js has it."""
+    colors = np.array([[13, 22, 66], [41, 56, 104], [84, 90, 112], [126, 124, 120], [172, 158, 110],
+                       [218, 196, 88], [253, 240, 160]])  # fmt: skip
+    return [float(np.interp(share * 6, range(7), part)) for part in colors.T]
+
+
+def test_the_command_that_recovers(chromium: Any, touch: Path, tmp_path: Path) -> None:
+    """It runs as it is, and the losses are those that it prints."""
+    damaged = flipped(touch, tmp_path)
+    damaged = damaged.rename(tmp_path / "my 'touch'.hapf")
+    with shown(chromium, damaged, "#tab=damage") as page:
+        told = page.locator(".losses p").inner_text()
+        command = page.locator(".losses code").inner_text()
+    report = verify(damaged)
+    assert report.damage
+    for each in report.damage["channels"]:
+        assert bool(each["lost_ticks"]) == (f"{each['label']} {each['lost_ticks']} samples" in told)
+    words = shlex.split(command)
+    assert words[0] == "hapfmt"
+    done = run(*words[1:], cwd=tmp_path)
+    assert done.returncode == 3, done.stderr
+    assert verify(tmp_path / words[-1]).verdict == "intact"
+
+
+def test_the_words_for_damage_are_those_of_verify() -> None:
+    text = (VIEWER / "page" / "marks.js").read_text("utf-8")
+    listed = text[text.index("WORDS = {") : text.index("};")]
+    found = re.findall(r"'?([a-z-]+)'?: '([^']+)'", listed)
+    assert dict(found) == WORDS
 
 
 def luminance(color: str) -> float:

@@ -51,8 +51,10 @@ export class Pictures {
       else if (level && level.level.size <= 2 * view.width) rough.set(view, level);
       else if (few) out[index] = await this.byBins(view, signal);
       else {
-        waiting.push({ channel: view.channel, band, pyramid: this.pyramidOf(view) });
-        if (level) rough.set(view, level);
+        const pyramid = this.pyramidOf(view); // of many channels it may be coarser than the picture
+        const missing = this.missingIn(view, pyramid).length > 0;
+        if (missing) waiting.push({ channel: view.channel, band, pyramid });
+        if (missing && level) rough.set(view, level);
         else out[index] = this.byPyramid(view);
       }
     }

@@ -260,6 +260,7 @@ state.on(['entries', 'facts', 'mode', 'pairs', 'bands', 'deadband', 'knots', 'fi
 state.on(['mode', 'pairs', 'bands'], rebuild);
 state.on(['mode', 'focus'], () => app.channels.update());
 state.on(['deadband', 'knots', 'fit', 'focus', 'signals', 'a', 'b', 'tab', 'dock', 'dockHeight', 'facts'], drawSoon);
+state.on(['a', 'b'], () => state.dock === null && isOpen(state) && state.set({ dock: true }));
 state.on(['hover'], hoverSoon);
 state.on(['failures', 'pending', 'progress'], () => {
   showFailures();
