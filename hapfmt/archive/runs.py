@@ -15,6 +15,7 @@ import os
 import re
 import shutil
 import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
@@ -452,14 +453,22 @@ def in_processes(
 def held_back(number: signal.Signals) -> Iterator[None]:
     """Processes that start meanwhile never get the signal: an interruption then ends them in
     order. This process gets it at the end."""
-    if not hasattr(signal, "pthread_sigmask"):
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {number})
+    came: list[int] = []
+    # A thread of a library may get the signal in spite of the mask, which is for what starts here.
+    handler = signal.signal(number, lambda *_: came.append(number))
+    has_masks = hasattr(signal, "pthread_sigmask")
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {number}) if has_masks else set()
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if has_masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(number, handler)
+    if came:
+        signal.raise_signal(number)
 
 
 def ignore_interrupt() -> None:
