@@ -59,14 +59,16 @@ def test_every_format_that_is_read_is_tried():
 
 
 def broken_npz(path: Path) -> Path:
-    """Its directory begins before the file does."""
+    """Its directory says that it lies 50 bytes further on, so that the first member begins before
+    the file does."""
     np.savez(path, x=np.zeros(9))
     data = bytearray(path.read_bytes())
     at = data.rindex(b"PK\5\6")
-    data[at + 12 : at + 16] = (1 << 20).to_bytes(4, "little")
+    place = int.from_bytes(data[at + 16 : at + 20], "little")
+    data[at + 16 : at + 20] = (place + 50).to_bytes(4, "little")
     path.write_bytes(data)
-    with pytest.raises(OSError, match="Invalid argument"):
-        zipfile.ZipFile(path)
+    with zipfile.ZipFile(path) as archive, pytest.raises(OSError, match="Invalid argument"):
+        archive.open("x.npy")
     return path
 
 

@@ -1,8 +1,8 @@
 """The formats of other programs: how one is described, found and chosen.
 
 Ours are a table below. A format of another package registers itself under the entry-point group
-``hapfmt.formats``; the entry point names a :class:`Format`. Its module is imported only when a file needs it. The module
-has one function, or both:
+``hapfmt.formats``; the entry point names a :class:`Format`. Its module is imported only when a file
+needs it. The module has one function, or both:
 
 ``read(source: Source, options: ReadOptions) -> Recording | Import``
     An :class:`Import` (see tables.py) describes the contents first and yields the values later,
