@@ -164,6 +164,49 @@ class TestEncode:
         for name in ("bad.npz", "empty.csv", "loop.npz", "gone.npz", "pipe.npz"):
             assert sum(line.startswith(f"{name} ") for line in lines) == 1
 
+    def test_no_link_leads_out_of_the_source(self, tmp_path: Path):
+        """Neither what lies there is encoded, nor a line of it printed."""
+        secret = tmp_path / "secret"
+        write_npz(secret / "b.npz")
+        (secret / "s.csv").write_text("password,hunter2\n")
+        (secret / "bag").mkdir()
+        (secret / "bag" / "metadata.yaml").write_text("password: hunter2\n")
+        folder = tmp_path / "in"
+        write_npz(folder / "deep" / "a.npz")
+        (folder / "s.csv").symlink_to(secret / "s.csv")
+        (folder / "deep" / "b.npz").symlink_to("../../secret/b.npz")
+        (folder / "gone.npz").symlink_to(secret / "gone.npz")
+        (folder / "twice.npz").symlink_to("deep/b.npz")
+        (folder / "all").symlink_to(secret)
+        (folder / "inside.npz").symlink_to("deep/a.npz")
+        (folder / "bag").mkdir()
+        (folder / "bag" / "metadata.yaml").symlink_to(secret / "bag" / "metadata.yaml")
+        links = ["s.csv", "deep/b.npz", "gone.npz", "twice.npz", "bag"]
+        found = report("encode", "in", "out", cwd=tmp_path)
+        assert results(found) == dict.fromkeys(["deep/a.npz", "inside.npz"], "encoded") | (
+            dict.fromkeys(links, "not followed")
+        )
+        assert found["results"] == {"encoded": 2, "not followed": 5}
+        assert visible(tmp_path / "out") == {"deep/a.hapf", "inside.hapf"}
+        done = commands.run("archive", "encode", "in/**/*.*", "more", cwd=tmp_path)
+        assert b"a link out of its source is not followed" in done.stderr
+        assert b"hunter2" not in done.stdout + done.stderr
+        assert "b.hapf" not in {Path(name).name for name in visible(tmp_path / "more")}
+        assert results(report("encode", "in/twice.npz", "it", cwd=tmp_path)) == {
+            "twice.npz": "encoded"
+        }
+
+    def test_a_link_that_takes_the_place_of_a_file(self, tmp_path: Path):
+        """Between the search for files and the work on one."""
+        write_npz(tmp_path / "in" / "a.npz")
+        write_npz(tmp_path / "secret" / "b.npz")
+        (place,) = places.find_places([str(tmp_path / "in")], places.is_foreign)
+        (tmp_path / "in" / "a.npz").unlink()
+        (tmp_path / "in" / "a.npz").symlink_to("../secret/b.npz")
+        (outcome,) = runs.run([jobs.Job("encode", place, str(tmp_path / "a.hapf"), str(tmp_path))])
+        assert outcome.message == "a link has taken the place of this file"
+        assert not (tmp_path / "a.hapf").exists()
+
     def test_two_sources_of_one_target_are_both_refused(self, tmp_path: Path):
         for name in ("a.npz", "a.npy.npz", "b.npz"):
             write_npz(tmp_path / "in" / name)
@@ -433,8 +476,6 @@ class TestInterrupted:
     @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
     @pytest.mark.parametrize("more", [(), ("--jobs", "2")], ids=["here", "jobs"])
     def test_ended_in_the_middle(self, tmp_path: Path, number: signal.Signals, more: tuple[str]):
-        if more:
-            pytest.importorskip("distributed")
         for seed in range(60):
             write_npz(tmp_path / "in" / f"{seed}.npz", seed, 8_000)
         words = [sys.executable, "-m", "hapfmt", "archive", "encode", "in", "out", *more]
@@ -1204,22 +1245,94 @@ def deadly() -> Limits:
     return Deadly()
 
 
-@pytest.mark.deep
-class TestDask:
-    """Processes of a cluster on this machine."""
+class Fatal(Limits):
+    """Limits that end any process which unpacks them."""
+
+    def __reduce__(self) -> Any:
+        return os._exit, (9,)
+
+
+class TestJobs:
+    """Processes of this machine."""
 
     def test_the_same_files_as_in_one_process(self, tmp_path: Path):
-        pytest.importorskip("distributed")
+        """Without Dask."""
         for seed in range(12):
             write_npz(tmp_path / "in" / f"{seed}.npz", seed, 3000)
         (tmp_path / "in" / "bad.npz").write_text("junk")
         here = report("encode", "in", "here", cwd=tmp_path, code=1)
-        there = report("encode", "in", "there", "--jobs", "2", cwd=tmp_path, code=1)
+        code = "import sys; sys.modules |= {'dask': None, 'distributed': None}\n"
+        code += "if __name__ == '__main__': from hapfmt.cli import main; main()"
+        words = ["archive", "encode", "in", "there", "--jobs", "2", "--json"]
+        done = subprocess.run(
+            [sys.executable, "-c", code, *words], cwd=tmp_path, capture_output=True, check=False
+        )
+        assert done.returncode == 1 and not done.stderr
+        there = json.loads(done.stdout)
         assert results(here) == results(there)
         assert visible(tmp_path / "here") == visible(tmp_path / "there")
         for path in (tmp_path / "here").glob("*.hapf"):
             other = hapfmt.read(tmp_path / "there" / path.name)
             assert np.array_equal(hapfmt.read(path).to_numpy(), other.to_numpy())
+
+    def test_a_file_that_kills_its_worker_is_the_only_one_that_fails(self, tmp_path: Path):
+        for seed in range(20):
+            write_hapf(tmp_path / "in" / f"{seed:02}.hapf", seed)
+        found = places.find_places([str(tmp_path / "in")], places.is_hapf)
+        todo = [jobs.Job("verify", place) for place in found]
+        for number in (7, 12):
+            todo[number] = jobs.Job("verify", todo[number].place, limits=Fatal())
+        outcomes = runs.run(todo, workers=2)
+        bad = [n for n, each in enumerate(outcomes) if each.exit_code]
+        assert bad == [7, 12] and len(outcomes) == 20
+        assert "died" in outcomes[7].message
+
+    @pytest.mark.deep
+    def test_interrupted_while_they_start(self, tmp_path: Path):
+        for seed in range(30):
+            write_npz(tmp_path / "in" / f"{seed}.npz", seed, 20_000)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "hapfmt", "archive", "encode", "in", "out", "--jobs", "1"],
+            cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+        )  # fmt: skip
+        psutil = pytest.importorskip("psutil")
+        while process.poll() is None:  # until a process is on its way
+            if psutil.Process(process.pid).children():
+                break
+            time.sleep(0.01)
+        os.killpg(process.pid, signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+        assert process.returncode == 1, err
+        assert b"interrupted" in err
+        assert b"Traceback" not in err
+
+    @pytest.mark.deep
+    def test_a_worker_that_is_killed_costs_time_alone(self, tmp_path: Path):
+        psutil = pytest.importorskip("psutil")
+        for seed in range(40):
+            write_npz(tmp_path / "in" / f"{seed}.npz", seed, 10_000)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "hapfmt", "archive", "encode", "in", "out", "--jobs", "2", "--json"],
+            cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        while not list((tmp_path / "out").glob("*.hapf")) and process.poll() is None:
+            time.sleep(0.01)
+        workers = [
+            child
+            for child in psutil.Process(process.pid).children(recursive=True)
+            if "spawn_main" in " ".join(child.cmdline())
+        ]
+        assert len(workers) == 2
+        workers[0].kill()
+        out, _ = process.communicate(timeout=120)
+        found = json.loads(out)
+        assert (found["results"], found["exit_code"]) == ({"encoded": 40}, 0), out
+        assert visible(tmp_path / "out") == {f"{seed}.hapf" for seed in range(40)}
+
+
+@pytest.mark.deep
+class TestDask:
+    """A cluster."""
 
     def test_a_scheduler_that_runs_already(self, tmp_path: Path):
         distributed = pytest.importorskip("distributed")
@@ -1293,26 +1406,6 @@ class TestDask:
         found = report("encode", "in", "out", cwd=tmp_path)
         assert found["results"]["skipped"] > 0
 
-    def test_interrupted_while_the_cluster_starts(self, tmp_path: Path):
-        pytest.importorskip("distributed")
-        for seed in range(30):
-            write_npz(tmp_path / "in" / f"{seed}.npz", seed, 20_000)
-        process = subprocess.Popen(
-            [sys.executable, "-m", "hapfmt", "archive", "encode", "in", "out", "--jobs", "1"],
-            cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
-        )  # fmt: skip
-        psutil = pytest.importorskip("psutil")
-        while process.poll() is None:  # until a process of the cluster is on its way
-            if psutil.Process(process.pid).children():
-                break
-            time.sleep(0.01)
-        os.killpg(process.pid, signal.SIGINT)
-        _, err = process.communicate(timeout=60)
-        assert process.returncode == 1, err
-        assert b"interrupted" in err
-        assert b"Traceback" not in err
-        assert not list((tmp_path / "out").glob("*.hapf"))
-
     def test_a_file_that_kills_its_worker_is_the_only_one_that_fails(self, tmp_path: Path):
         distributed = pytest.importorskip("distributed")
         for seed in range(20):
@@ -1326,29 +1419,6 @@ class TestDask:
             outcomes = runs.run(todo, address=cluster.scheduler_address)
         assert [each.exit_code for each in outcomes] == [0] * 7 + [1] + [0] * 12
         assert "died" in outcomes[7].message
-
-    def test_a_worker_that_is_killed_costs_time_alone(self, tmp_path: Path):
-        pytest.importorskip("distributed")
-        psutil = pytest.importorskip("psutil")
-        for seed in range(40):
-            write_npz(tmp_path / "in" / f"{seed}.npz", seed, 10_000)
-        process = subprocess.Popen(
-            [sys.executable, "-m", "hapfmt", "archive", "encode", "in", "out", "--jobs", "2", "--json"],
-            cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
-        while not list((tmp_path / "out").glob("*.hapf")) and process.poll() is None:
-            time.sleep(0.01)
-        workers = [
-            child
-            for child in psutil.Process(process.pid).children(recursive=True)
-            if "spawn_main" in " ".join(child.cmdline())
-        ]
-        assert len(workers) == 2
-        workers[0].kill()
-        out, _ = process.communicate(timeout=120)
-        found = json.loads(out)
-        assert (found["results"], found["exit_code"]) == ({"encoded": 40}, 0), out
-        assert visible(tmp_path / "out") == {f"{seed}.hapf" for seed in range(40)}
 
 
 @pytest.mark.deep
@@ -1414,7 +1484,6 @@ class TestS3:
         assert found["results"] == {"failed": 1}
 
     def test_workers_read_and_write_it(self, tmp_path: Path, bucket: Any):
-        pytest.importorskip("distributed")
         for seed in range(6):
             write_npz(tmp_path / "in" / f"{seed}.npz", seed)
         found = self.s3("encode", "in", "s3://lab/x", "--log", "log", "--jobs", "2", cwd=tmp_path)

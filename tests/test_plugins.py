@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -276,6 +277,40 @@ def test_a_description_with_a_fault(given: dict, message: str):
     Format(**whole)
     with pytest.raises(ParameterError, match=message):
         Format(**(whole | given))
+
+
+NO_METADATA = (
+    "import sys, importlib.metadata as m\n"
+    "def none(*_, **__): raise m.PackageNotFoundError('hapfmt')\n"
+    "m.distribution = m.version = m.metadata = none\n"
+    "m.entry_points = lambda **_: m.EntryPoints()\n"
+    "import hapfmt\n"
+    "from hapfmt.convert.formats import OURS, formats\n"
+    "assert hapfmt.__file__.startswith(sys.argv[1]), hapfmt.__file__\n"
+    "assert list(formats().values()) == list(OURS)\n"
+    "assert hapfmt.read('a.csv')[0].samples().tolist() == [1, 2]\n"
+    "hapfmt.save(hapfmt.read('a.csv'), 'b.npz')\n"
+    "hapfmt.write(hapfmt.read('b.npz'), 'c.hapf')\n"
+    "print(len(hapfmt.read('c.hapf')[0].samples()))\n"
+)
+
+
+@pytest.mark.parametrize("kind", ["folder", "zip"])
+def test_our_formats_need_no_metadata(tmp_path: Path, kind: str):
+    """A source tree that was never installed, or a zip file of it."""
+    tree = tmp_path / "tree"
+    ignored = shutil.ignore_patterns("__pycache__", "*.so", "*.c", "*.h", "page", "decoder")
+    shutil.copytree(ROOT / "hapfmt", tree / "hapfmt", ignore=ignored)
+    if kind == "zip":
+        shutil.make_archive(str(tree), "zip", tree)
+        shutil.rmtree(tree)
+        tree = tree.with_suffix(".zip")
+    (tmp_path / "a.csv").write_text("t,x\n0,1\n1,2\n")
+    done = subprocess.run(
+        [sys.executable, "-c", NO_METADATA, str(tree)], cwd=tmp_path, capture_output=True,
+        text=True, check=False, env={**os.environ, "PYTHONPATH": str(tree)},
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, "2\n"), done.stderr
 
 
 def test_plug_ins_are_not_looked_for_where_none_is_needed(tmp_path: Path):

@@ -135,6 +135,12 @@ def test_the_page_lists_every_program():
     [
         (["scenes.py", "--keys"], "| `travel_s` |"),
         (["load.py", "--seconds", "1", "--channels", "2"], "lossless"),
+        (["load.py", "--seconds", "1", "--channels", "2", "--preset", "perceptual"], "perceptual"),
+        pytest.param(
+            ["load.py", "--seconds", "1", "--channels", "2", "--preset", "near-lossless"],
+            "near-lossless",
+            marks=pytest.mark.deep,
+        ),
         (["texture_rates.py", "--quick"], "simulated sand"),
         (["messages.py", "--quick"], "| wrench and joints, 27 channels |"),
         (["throughput.py", "--quick"], "exact values, recall, readable"),

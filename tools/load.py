@@ -57,13 +57,26 @@ def samples(channels: int) -> NDArray[np.int16]:
     return np.concatenate([block, block[::-1]])
 
 
+LIVE: dict[str, dict[str, object]] = {
+    "lossless": {},
+    "near-lossless": {"max_error": "2lsb"},
+    "perceptual": {"texture": False, "felt": "all", "floor": "2lsb"},
+}
+"""What is known of samples that are still to come: no texture, which needs the whole recording, and
+no bound in % of their range."""
+
+
+def settings_of(preset: str, fast: bool) -> hapfmt.Settings:
+    return hapfmt.Settings.of(preset, fast=fast or None, **LIVE[preset])
+
+
 def record(path: str, channels: int, seconds: float, preset: str, fast: bool) -> dict[str, float]:
     """One run, paced by the clock."""
     block = samples(channels)
     inputs = [
         hapfmt.Input(f"{n}", Fraction(RATE), "deg", calibration=STEP) for n in range(channels)
     ]
-    settings = hapfmt.Settings.of(preset, fast=fast or None)
+    settings = settings_of(preset, fast)
     late = queued = 0.0
     with hapfmt.Recorder(path, inputs, settings, on_full="drop", force=True) as recorder:
         began, cpu = time.monotonic(), time.process_time()
@@ -117,7 +130,12 @@ def keeps_up(found: dict[str, float]) -> bool:
 
 @click.command(help=__doc__)
 @click.option("--seconds", default=300.0, help="Of the long run.")
-@click.option("--preset", default="lossless", help="lossless, near-lossless or perceptual.")
+@click.option(
+    "--preset",
+    default="lossless",
+    type=click.Choice([*LIVE]),
+    help="near-lossless and perceptual with a bound of two steps.",
+)
 @click.option("--fast", is_flag=True, help="Preset lossless: less search.")
 @click.option("--channels", default=0, help="So many and no search.")
 @click.option("--child", is_flag=True, hidden=True)
@@ -128,6 +146,10 @@ def main(seconds: float, preset: str, fast: bool, channels: int, child: bool, pa
             os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
         print(json.dumps(record(path, channels, seconds, preset, fast)))
         return
+    try:
+        settings_of(preset, fast)
+    except hapfmt.HapfmtError as error:
+        raise click.UsageError(str(error)) from None
     probe = min(PROBE_S, seconds)
     good, bad = channels, 0
     if not channels:

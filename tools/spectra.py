@@ -81,7 +81,9 @@ def by_dask(paths: list[str], workers: int, kill: bool = False) -> tuple[Any, fl
     from dask.distributed import Client, LocalCluster, as_completed
 
     with (
-        dask.config.set(ALLOCATOR),
+        dask.config.set(
+            {f"distributed.nanny.pre-spawn-environ.{k}": ALLOCATOR[k] for k in ALLOCATOR}
+        ),
         LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0"
         ) as cluster,

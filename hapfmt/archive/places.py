@@ -1,7 +1,8 @@
 """Files, folders, patterns and URLs -> the files that are worked on, each with a name.
 
 A name is relative to the folder or pattern that found the file. Links to folders are not followed,
-so a loop of links ends nowhere. Hidden files are left out.
+so a loop of links ends nowhere. Links to files outside of the source are not followed either:
+whoever filled a folder decides nothing about the rest of the disk. Hidden files are left out.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from ..format.source import is_url, network, shown
 FILE_URL = "file://"
 CATALOGUE = "catalogue.parquet"
 """Name of a catalogue in its folder; it is not a recording."""
+LINK = "a link out of its source is not followed; name the file itself as a SOURCE"
+"""``error`` of a place that is such a link."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class Place:
 
     ``name`` is relative to its source, with "/" between folders. ``location`` is its path or URL.
     ``signature`` changes when the file does. ``error`` says why it cannot be worked on. ``source``
-    is the folder that the name begins in, as it was given.
+    is the folder that the name begins in, as it was given. ``real`` is the path without links.
     """
 
     name: str
@@ -41,6 +44,7 @@ class Place:
     signature: str = ""
     error: str = ""
     source: str = ""
+    real: str = ""
 
     @property
     def is_url(self) -> bool:
@@ -149,7 +153,7 @@ def matches(pattern: str, wanted: Wanted, left: list[Place]) -> Iterator[Place]:
             if not path.is_symlink():
                 yield from folder_places(path, f"{below}/", wanted, left, str(root))
         elif chosen or (wanted(suffix_of(name)) and path.name != CATALOGUE):
-            yield replace(place_of(path, below), source=str(root))
+            yield place_within(root, path, below, str(root))
         elif path.name != CATALOGUE:
             left.append(Place(below, str(path)))
 
@@ -177,13 +181,13 @@ def folder_places(
                 inner = Path(entry.path)
                 # Some formats are folders: ROS 2 bags and sets of LeRobot.
                 if wanted(".npz") and any(is_there(inner / marker) for marker in markers):
-                    yield replace(folder_place(inner, name), source=source)
+                    yield folder_place(folder, inner, name, source)
                 else:
                     waiting.append((inner, f"{name}/"))
             elif is_folder(entry):
                 continue
             elif wanted(suffix_of(entry.name)):
-                yield replace(place_of(Path(entry.path), name), source=source)
+                yield place_within(folder, Path(entry.path), name, source)
             else:
                 left.append(Place(name, entry.path))
 
@@ -202,6 +206,17 @@ def is_there(path: Path) -> bool:
         return False
 
 
+def place_within(root: Path, path: Path, name: str, source: str) -> Place:
+    """A file below ``root``, or an error where it is a link to one that is not."""
+    if leads_out(root, path):
+        return Place(name, str(path.absolute()), error=LINK, source=source)
+    return replace(place_of(path, name), source=source)
+
+
+def leads_out(root: Path, path: Path) -> bool:
+    return Path(os.path.realpath(root)) not in Path(os.path.realpath(path)).parents
+
+
 def place_of(path: Path, name: str) -> Place:
     path = path.absolute()  # workers have folders of their own
     try:
@@ -210,10 +225,11 @@ def place_of(path: Path, name: str) -> Place:
         return Place(name, str(path), error=reason(error))
     if not stat.S_ISREG(info.st_mode):
         return Place(name, str(path), error="not a regular file")
-    return Place(name, str(path), info.st_size, f"{info.st_size} {info.st_mtime_ns}")
+    signature = f"{info.st_size} {info.st_mtime_ns}"
+    return Place(name, str(path), info.st_size, signature, real=os.path.realpath(path))
 
 
-def folder_place(folder: Path, name: str) -> Place:
+def folder_place(root: Path, folder: Path, name: str, source: str) -> Place:
     """A recording that is a folder: its size and its latest change count."""
     folder = folder.absolute()
     size, latest = 0, 0
@@ -221,10 +237,13 @@ def folder_place(folder: Path, name: str) -> Place:
         try:
             info = path.lstat()
         except OSError as error:
-            return Place(name, str(folder), error=reason(error))
+            return Place(name, str(folder), error=reason(error), source=source)
+        if stat.S_ISLNK(info.st_mode) and leads_out(root, path):
+            return Place(name, str(folder), error=LINK, source=source)
         size += info.st_size if stat.S_ISREG(info.st_mode) else 0
         latest = max(latest, info.st_mtime_ns)
-    return Place(name, str(folder), size, f"{size} {latest}")
+    real = os.path.realpath(folder)
+    return Place(name, str(folder), size, f"{size} {latest}", source=source, real=real)
 
 
 def reason(error: OSError) -> str:

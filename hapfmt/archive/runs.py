@@ -1,4 +1,4 @@
-"""Many jobs: in this process or on Dask, with a log that survives a crash.
+"""Many jobs: in this process, in several, or on Dask, with a log that survives a crash.
 
 The log is JSON, one object a line. The first line says that it is a log, and of which work. A job
 that is begun or done has a line; so the next run knows what it can skip. Names are relative to the
@@ -10,13 +10,16 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import multiprocessing
 import os
 import re
 import shutil
 import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -46,12 +49,11 @@ AHEAD = 4
 """Tasks for each worker that the scheduler has at a time."""
 BATCH, BATCH_SIZE = 16, 4 << 20
 """Most files of a task, and the bytes from which it gets no further one."""
-ALLOCATOR = {
-    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 64 << 20,
-    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 32 << 20,
-}
-"""Memory that processes of Dask keep. By default they give back each array above 128 kB, and spend
-a sixth of their time on getting it again."""
+ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": f"{64 << 20}", "MALLOC_MMAP_THRESHOLD_": f"{32 << 20}"}
+"""Memory that processes keep. By default they give back each array above 128 kB, and spend a sixth
+of their time on getting it again."""
+DEATHS = 2
+"""Processes that a file may end, before it fails."""
 VARYING = re.compile(r"'[^']*'|\"[^\"]*\"|[-+]?\d[\d.,]*(e[-+]?\d+)?")
 Advance = Callable[[int, int], None]
 Tell = Callable[[str], None]
@@ -209,7 +211,7 @@ def run(
 ) -> list[FileOutcome]:
     """The outcomes of all jobs, in their order.
 
-    ``workers``: processes of a local Dask cluster. ``address``: a running scheduler. Neither: this
+    ``workers``: processes of this machine. ``address``: a running scheduler of Dask. Neither: this
     process. ``skip`` says what a job that the log knows as done becomes; None: it is done again.
     ``tell`` gets what a person has to know meanwhile.
     """
@@ -245,8 +247,10 @@ def run(
         if progress:
             progress(count, len(jobs))
 
-    if workers or address:
-        with cluster(workers, address, tell) as client:
+    if workers:
+        in_processes(workers, waiting, begin, end)
+    elif address:
+        with cluster(address, tell) as client:
             distributed(client, waiting, begin, end)
     else:
         for place in waiting:
@@ -319,33 +323,17 @@ def check_address(address: str) -> None:
 
 
 @contextmanager
-def cluster(workers: int | None, address: str | None, tell: Tell | None = None) -> Iterator[Any]:
+def cluster(address: str, tell: Tell | None = None) -> Iterator[Any]:
     """A client of Dask."""
     try:
         dask = import_module("dask")
         distributed = import_module("distributed")
     except ImportError:
         raise MissingExtraError("distributed", "dask") from None
-    quiet = {
-        "distributed.logging": {"distributed": "critical", "bokeh": "critical"},
-        "distributed.worker.daemon": True,
-        "distributed.admin.tick.limit": "1h",
-        **ALLOCATOR,
-    }
     # The client logs a traceback for a lost connection; our error is one line.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL + 1)
+    quiet = {"distributed.logging": {"distributed": "critical", "bokeh": "critical"}}
     with dask.config.set(quiet), ExitStack() as stack:
-        if address is None:
-            with held_back(signal.SIGINT):
-                local = stack.enter_context(
-                    distributed.LocalCluster(
-                        n_workers=workers, threads_per_worker=1, processes=True,
-                        dashboard_address=":0", silence_logs=50,
-                    )
-                )  # fmt: skip
-            client = stack.enter_context(distributed.Client(local, set_as_default=False))
-            yield client
-            return
         check_address(address)
         try:
             client = distributed.Client(address, timeout=ANSWER_SECONDS, set_as_default=False)
@@ -376,18 +364,116 @@ def await_worker(client: Any, address: str, tell: Tell | None) -> None:
         ) from None
 
 
+Batch = list[tuple[int, Job]]
+
+
+class Batches:
+    """Jobs that are handed over together, in order: handing one over takes as long as checking
+    100 kB. Jobs in ``alone`` are by themselves."""
+
+    def __init__(self, places: Sequence[int], workers: int, begin: Callable[[int], Job]) -> None:
+        self.waiting, self.begin = deque(places), begin
+        self.most = max(min(BATCH, len(places) // (AHEAD * workers)), 1)
+
+    def take(self) -> Batch:
+        """The next ones; empty at the end."""
+        batch: Batch = []
+        size = 0
+        while self.waiting and len(batch) < self.most and size < BATCH_SIZE:
+            place = self.waiting.popleft()
+            job = one_thread(self.begin(place))
+            if job.target and not is_url(job.target) and not job.force:
+                job = replace(job, begun=not target_exists(job))
+            batch.append((place, job))
+            size += job.place.size
+        return batch
+
+
+def in_processes(
+    count: int,
+    places: Sequence[int],
+    begin: Callable[[int], Job],
+    end: Callable[[int, FileOutcome], None],
+) -> None:
+    """In processes of this machine, which an interruption ends. A process that dies takes no file
+    along: those that were under way run again, one at a time, so that only the one to blame fails.
+    """
+    batches = Batches(places, count, begin)
+    running: dict[Future[list[FileOutcome]], Batch] = {}
+    suspects: deque[tuple[int, Job]] = deque()
+    deaths: dict[int, int] = {}
+    others = set(multiprocessing.active_children())
+    pool: ProcessPoolExecutor | None = None
+    try:
+        while True:
+            on_trial = bool(suspects)
+            while len(running) < (1 if on_trial else AHEAD * count):
+                batch = [suspects.popleft()] if on_trial else batches.take()
+                if not batch:
+                    break
+                if pool is None:
+                    for name, value in ALLOCATOR.items():  # for the processes that start now
+                        os.environ.setdefault(name, value)
+                    pool = ProcessPoolExecutor(
+                        count, multiprocessing.get_context("spawn"), initializer=ignore_interrupt
+                    )
+                with held_back(signal.SIGINT):
+                    running[pool.submit(run_jobs, [job for _, job in batch])] = batch
+            if not running:
+                return
+            ended, _ = wait(running, return_when=FIRST_COMPLETED)
+            if any(isinstance(future.exception(), BrokenProcessPool) for future in ended):
+                ended = wait(running).done  # they all end, now that the pool is broken
+                pool = None
+            for future in ended:
+                batch, error = running.pop(future), future.exception()
+                if error is None:
+                    for (place, _), outcome in zip(batch, future.result(), strict=True):
+                        end(place, outcome)
+                elif not on_trial:
+                    suspects += batch
+                else:
+                    ((place, job),) = batch
+                    deaths[place] = deaths.get(place, 0) + 1
+                    if deaths[place] < DEATHS:
+                        suspects.appendleft((place, job))
+                    else:
+                        end(place, broken(job, error))
+    except BaseException:
+        # Outputs appear whole or not at all, also those of jobs that still run.
+        for child in set(multiprocessing.active_children()) - others:
+            child.terminate()
+        raise
+    finally:
+        if pool is not None:
+            pool.shutdown(cancel_futures=True)
+
+
 @contextmanager
 def held_back(number: signal.Signals) -> Iterator[None]:
     """Processes that start meanwhile never get the signal: an interruption then ends them in
     order. This process gets it at the end."""
-    if not hasattr(signal, "pthread_sigmask"):
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {number})
+    came: list[int] = []
+    # A thread of a library may get the signal in spite of the mask, which is for what starts here.
+    handler = signal.signal(number, lambda *_: came.append(number))
+    has_masks = hasattr(signal, "pthread_sigmask")
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {number}) if has_masks else set()
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if has_masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(number, handler)
+    if came:
+        signal.raise_signal(number)
+
+
+def ignore_interrupt() -> None:
+    """The process that started this one ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def distributed(
@@ -396,47 +482,34 @@ def distributed(
     begin: Callable[[int], Job],
     end: Callable[[int, FileOutcome], None],
 ) -> None:
-    """A few tasks for each worker are on their way at a time, so that the log stays ahead. Small
-    files share a task: handing one over takes as long as checking 100 kB."""
+    """A few tasks for each worker are on their way at a time, so that the log stays ahead."""
     as_completed = import_module("distributed").as_completed
     workers = max(len(client.ncores()), 1)
-    most = max(min(BATCH, len(places) // (AHEAD * workers)), 1)
-    waiting = deque(places)
-    alone: set[int] = set()
-    batches: dict[str, list[tuple[int, Job]]] = {}
+    batches = Batches(places, workers, begin)
+    alone: deque[tuple[int, Job]] = deque()
+    """One of them is to blame for the death of a worker."""
+    running: dict[str, Batch] = {}
     done = as_completed(loop=client.loop)
 
     def submit() -> None:
-        batch: list[tuple[int, Job]] = []
-        size = 0
-        while waiting and len(batch) < most and size < BATCH_SIZE:
-            if batch and (waiting[0] in alone or batch[0][0] in alone):
-                break
-            place = waiting.popleft()
-            job = one_thread(begin(place))
-            if job.target and not is_url(job.target) and not job.force:
-                job = replace(job, begun=not target_exists(job))
-            batch.append((place, job))
-            size += batch[-1][1].place.size
-        if batch:
+        if batch := [alone.popleft()] if alone else batches.take():
             # A worker that dies takes no file along: its jobs run elsewhere.
             work = [job for _, job in batch]
             future = client.submit(run_jobs, work, pure=False, retries=2)
-            batches[future.key] = batch
+            running[future.key] = batch
             done.add(future)
 
     try:
         for _ in range(AHEAD * workers):
             submit()
         for future in done:
-            batch = batches.pop(future.key)
+            batch = running.pop(future.key)
             error = future.exception()
             if error is None:
                 for (place, _), outcome in zip(batch, future.result(), strict=True):
                     end(place, outcome)
-            elif len(batch) > 1:  # one of them is to blame
-                alone.update(place for place, _ in batch)
-                waiting.extend(place for place, _ in batch)
+            elif len(batch) > 1:
+                alone += batch
             else:
                 place, job = batch[0]
                 end(place, broken(job, error))
@@ -458,7 +531,8 @@ def one_thread(job: Job) -> Job:
 
 def broken(job: Job, error: BaseException) -> FileOutcome:
     name = type(error).__name__
-    text = "its worker died again and again" if name == "KilledWorker" else f"{name}: {error}"
+    died = name in ("KilledWorker", "BrokenProcessPool")
+    text = "its worker died again and again" if died else f"{name}: {error}"
     return FileOutcome(job.place.name, "failed", ERROR, text, read_size=job.place.size)
 
 

@@ -13,7 +13,7 @@ from ..errors import INTACT, DataWarning, HapfmtError
 from ..format.source import is_url, shown
 from ..recording import Recording
 from .jobs import ERROR, FileOutcome, Job, content, hashed, published
-from .places import reason
+from .places import LINK, reason
 from .rows import describe
 
 
@@ -24,6 +24,12 @@ def run_job(job: Job) -> FileOutcome:
     outcome = FileOutcome(job.place.name, "failed", ERROR, read_size=job.place.size)
     outcome.target = shown_target
     try:
+        if job.place.error == LINK:
+            outcome.result, outcome.exit_code, outcome.target = "not followed", INTACT, ""
+            outcome.notes.append(LINK)
+            return outcome
+        if job.place.real and os.path.realpath(job.place.location) != job.place.real:
+            raise OSError(errno.ESTALE, "a link has taken the place of this file")
         if job.place.error:
             raise OSError(errno.EIO, job.place.error)
         with warnings.catch_warnings(record=True) as caught:

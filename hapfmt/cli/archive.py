@@ -47,7 +47,7 @@ jobs_option = click.option(
     "--jobs",
     type=click.IntRange(1),
     metavar="N",
-    help="Work in N processes: a Dask cluster on this machine. [in this process]",
+    help="Work in N processes of this machine. [in this process]",
 )
 dask_option = click.option(
     "--dask",

@@ -1,8 +1,8 @@
 """The formats of other programs: how one is described, found and chosen.
 
-A format registers itself under the entry-point group ``hapfmt.formats``; ours do the same. The
-entry point names a :class:`Format`. Its module is imported only when a file needs it. The module
-has one function, or both:
+Ours are a table below. A format of another package registers itself under the entry-point group
+``hapfmt.formats``; the entry point names a :class:`Format`. Its module is imported only when a file
+needs it. The module has one function, or both:
 
 ``read(source: Source, options: ReadOptions) -> Recording | Import``
     An :class:`Import` (see tables.py) describes the contents first and yields the values later,
@@ -277,10 +277,12 @@ class Destination:
 
 @cache
 def formats() -> dict[str, Format]:
-    """The installed formats by name, ours first. What cannot be used is left out with a warning."""
-    points = sorted(entry_points(group=GROUP), key=lambda p: not p.value.startswith("hapfmt."))
-    found: dict[str, Format] = {}
-    for point in points:
+    """Our formats by name, then those of other packages. What cannot be used is left out with a
+    warning."""
+    found = {one.name: one for one in OURS}
+    for point in entry_points(group=GROUP):
+        if point.value.startswith("hapfmt."):
+            continue  # in the metadata of an earlier version of this package
         try:
             one = point.load()
             if not isinstance(one, Format):
@@ -301,8 +303,7 @@ def formats() -> dict[str, Format]:
                         f"{' '.join(sorted(both))} is {other.title}",
                     )
         found[one.name] = one
-    order = {one.name: place for place, one in enumerate(OURS)}
-    return dict(sorted(found.items(), key=lambda item: order.get(item[0], len(order))))
+    return found
 
 
 def _warn(point: EntryPoint, what: str) -> None:
@@ -554,4 +555,4 @@ OURS = (
     MAT,
     LEROBOT,
 )
-"""In the order in which messages list them. Each is an entry point in pyproject.toml too."""
+"""In the order in which messages list them. They need no metadata of an installed package."""
