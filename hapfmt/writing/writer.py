@@ -290,7 +290,7 @@ def extras_of(
         raise ParameterError("attachments are {name: (media type, bytes)}") from None
 
 
-_REACHED = (("snr_db", "", " dB"), ("st_sim", "ST-SIM ", ""), ("level_db", "level ", " dB"))
+_REACHED = (("snr_hf_db", "", " dB"), ("st_sim", "ST-SIM ", ""), ("level_db", "level ", " dB"))
 """Members of a decision on the quality of a texture, and what is printed around them."""
 
 
