@@ -32,6 +32,12 @@ https://doi.org/10.1109/VECIMS.2011.6053837.
 The rate of an encoded texture is flat within 5 % for cutoffs of 10-30 Hz (measured), so the value
 is not critical."""
 
+
+def split_text(cutoff_hz: float = LF_CUTOFF_HZ) -> str:
+    """How the ratio of a texture is measured, for people; other filters give other figures."""
+    return f"dB above {cutoff_hz:g} Hz (zero-phase Bessel filter of order 4), over all errors"
+
+
 _BESSEL4_HALF = 2.113917674904216
 """w with |H(jw)|^2 = 1/2 for the Bessel polynomial s^4 + 10s^3 + 45s^2 + 105s + 105."""
 

@@ -33,9 +33,9 @@ from hapfmt.encoder.unit import decoded_pieces
 from hapfmt.encoder.ways import CodedTrial, Way, ways_of
 from hapfmt.errors import MissingExtraError
 from hapfmt.kernels import compiled
-from hapfmt.metrics import snr_hf_db, snr_weighted_db, st_sim
+from hapfmt.metrics import snr_db, snr_hf_db, snr_weighted_db, st_sim
 from hapfmt.recording import Span
-from hapfmt.split import slow_for_telling
+from hapfmt.split import slow_for_telling, split_text
 from hapfmt.writing.writer import reached
 
 pytestmark = pytest.mark.skipif(compiled is None, reason="minutes without the extension")
@@ -94,7 +94,8 @@ class TestTargets:
         decision, back, _ = decided(channel, snr=db, k=0.3)
         x, y = channel.samples(), back.samples()
         assert db <= snr_hf_db(x, y, rate) <= (1 + CLOSE) * db
-        assert decision.snr_db == pytest.approx(snr_hf_db(x, y, rate), abs=1e-6)
+        assert decision.snr_hf_db == pytest.approx(snr_hf_db(x, y, rate), abs=1e-6)
+        assert decision.snr_db == pytest.approx(snr_db(x, y), abs=1e-6)
         assert decision.missed == "" and slow_keeps_deadband(x, y, rate, 0.3)
 
     @given(st.integers(0, 2**32), st.floats(4, 40), st.sampled_from(sorted(MAKE)))
@@ -152,8 +153,8 @@ class TestTargets:
         reached = 8 * len(stream.getvalue()) / 4 / 1000
         assert summary.file_size == len(stream.getvalue())
         assert (1 - CLOSE) * kbps <= reached <= kbps
-        felt = [decision.snr_db for decision in summary.decisions[:2]]
-        assert max(felt) - min(felt) < 0.3 and summary.decisions[2].snr_db is None
+        felt = [decision.snr_hf_db for decision in summary.decisions[:2]]
+        assert max(felt) - min(felt) < 0.3 and summary.decisions[2].snr_hf_db is None
 
     def test_a_bit_rate_encodes_again_what_has_a_texture(self) -> None:
         """The same file comes from any number of threads, and from the ratio that was found."""
@@ -277,7 +278,7 @@ class TestSilence:
         for quality in ("low", "medium", "high"):
             decision, _, _ = decided(doubles(x), quality=quality)
             assert decision.missed == "no texture above the threshold"
-            assert decision.snr_db is None and 8 * decision.size < 0.2 * x.size
+            assert decision.snr_hf_db is None and 8 * decision.size < 0.2 * x.size
 
 
 class TestWays:
@@ -415,7 +416,7 @@ class TestWeighting:
         for gamma in (0.0, 0.5):
             given = {"texture_codec": "MDCT", "weighting": gamma, "felt": ("all",)}
             decision, back, _ = decided(counted(x, unit=unit), snr=15, **given)
-            assert decision.snr_db == pytest.approx(15, rel=CLOSE)
+            assert decision.snr_hf_db == pytest.approx(15, rel=CLOSE)
             found[gamma] = snr_weighted_db(x, back.samples(), 1000, power)
         assert found[0.5] > found[0.0]
 
@@ -509,8 +510,21 @@ class TestTold:
             ([198.0, 199.0], "texture exact"),
             ([13.69, 20.25, 198.0], "texture 13.69 to 20.25 dB, 1 exact"),
         ):
-            decisions = [replace(known, snr_db=each) for each in decibels]
+            decisions = [replace(known, snr_hf_db=each) for each in decibels]
             assert reached(decisions) == f" ({words})"
+
+    @pytest.mark.parametrize("cutoff", [20, 35])
+    def test_each_ratio_names_its_filter(self, room: Path, cutoff: int) -> None:
+        """One wording: the filter decides what is above the split, and changes the figure."""
+        out, _ = self.encoded(room, "--snr", 15, "--cutoff", cutoff)
+        assert split_text(cutoff) in out and f"above {cutoff} Hz" in out
+        verbose, _ = self.encoded(room, "--snr", 15, "-v")
+        assert "dB over all frequencies" in verbose
+        source, file = room / "touch.npz", room / "a.hapf"
+        for words in (["info", file], ["compare", source, file], ["demo", "--seconds", "2"]):
+            assert split_text() in called(*words).out
+        for page in ("presets.md", "measuring.md"):
+            assert "Bessel" in (Path(__file__).parents[1] / "docs" / page).read_text("utf-8")
 
     def test_metadata_of_a_second_encoding(self, room: Path) -> None:
         _, recording = self.encoded(room, "--quality", "low")
@@ -524,7 +538,9 @@ class TestTold:
         found = json.loads(out)
         assert 3.92 <= found["kbit_per_s"] <= 4
         for channel in found["channels"]:
-            assert channel["snr_db"] > 1 and channel["st_sim"] is None and channel["missed"] == ""
+            assert (
+                channel["snr_hf_db"] > 1 and channel["st_sim"] is None and channel["missed"] == ""
+            )
 
     def test_st_sim(self, room: Path) -> None:
         pytest.importorskip("vibromaf")
@@ -555,5 +571,5 @@ class TestTold:
         done = run_in_terminal(*words, cwd=room, columns=80)
         text = done.stdout.decode()
         assert done.returncode == 0, text
-        assert "thumb normal force" in text and "15.0 dB" in text
+        assert "thumb normal force" in text and "15.0 dB" in text and split_text() in text
         assert max(map(len, text.splitlines())) <= 80

@@ -163,7 +163,7 @@ def ladder(recordings: dict[str, hapfmt.Recording]) -> Iterator[list[str]]:
             seconds += cpu
             decoded = hapfmt.read(data)
             places = textured.setdefault(
-                file, [each.channel for each in summary.decisions if each.snr_db is not None]
+                file, [each.channel for each in summary.decisions if each.snr_hf_db is not None]
             )
             for place in places:
                 x, y = recording.channels[place], decoded.channels[place]

@@ -179,6 +179,8 @@ def draw(
 
 
 def show(a: str, b: str, found: Sequence[Comparison]) -> None:
+    from ..split import split_text
+
     rows = [
         [
             row.label or f"channel {row.number}",
@@ -205,6 +207,8 @@ def show(a: str, b: str, found: Sequence[Comparison]) -> None:
         Column("SNR>20Hz dB", 5),
     ]  # fmt: skip
     table(headers, rows)
+    if any(row.snr_hf_db is not None for row in found):
+        say(f"SNR>20Hz: {split_text()}")
     for row in found:
         for each in row.notes:
             note(f"{row.label}: {each}")

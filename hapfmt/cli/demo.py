@@ -184,6 +184,8 @@ def as_row(outcome: Outcome) -> dict[str, Any]:
 
 
 def show(recording: Recording, texture: str, simulated: float, outcomes: list[Outcome]) -> None:
+    from ..split import split_text
+
     samples = recording.sample_count
     channel = recording.channels[0]
     say(
@@ -210,7 +212,7 @@ def show(recording: Recording, texture: str, simulated: float, outcomes: list[Ou
     table(headers, rows)
     say()
     say("Each row is the same force, written with another preset of 'hapfmt encode'.")
-    say("'texture' is how far the errors lie below the vibration above 20 Hz.")
+    say(f"'texture': {split_text()}.")
     say("Next: write the file with 'hapfmt demo -o touch.hapf', and encode your own.")
 
 

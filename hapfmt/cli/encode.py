@@ -86,7 +86,7 @@ class ChannelRow:
     size: int
     largest_error: float
     relative_error: float
-    snr_db: float | None
+    snr_hf_db: float | None
     st_sim: float | None
     level_db: float | None
     missed: str
@@ -100,9 +100,9 @@ class ChannelRow:
             return f"level{JOINED}{self.level_db:+.1f}{JOINED}dB"
         if self.st_sim is not None:
             return f"ST-SIM{JOINED}{self.st_sim:.3f}"
-        if self.snr_db is None:
+        if self.snr_hf_db is None:
             return "none" if self.missed == NO_TEXTURE else ""
-        return "exact" if self.snr_db > EXACT_DB else f"{self.snr_db:.1f}{JOINED}dB"
+        return "exact" if self.snr_hf_db > EXACT_DB else f"{self.snr_hf_db:.1f}{JOINED}dB"
 
     @property
     def percent(self) -> str:
@@ -134,6 +134,8 @@ def show(
     verbose: bool,
     overview: bool = False,
 ) -> None:
+    from ..split import split_text
+
     rows = [row_of(each) for each in summary.decisions]
     if len(rows) > GROUPED and not verbose:
         rows = list(grouped(rows))
@@ -148,7 +150,10 @@ def show(
     if verbose:
         for each in summary.decisions:
             axes = f", {each.axis_count} axes" if each.axis_count > 1 else ""
-            say(f"{name_of(each)}: {each.chosen}{axes}: {each.reason}; {each.lattice}")
+            db = "" if each.snr_db is None else f"; {each.snr_db:.1f} dB over all frequencies"
+            say(f"{name_of(each)}: {each.chosen}{axes}: {each.reason}; {each.lattice}{db}")
+    if any(each.snr_hf_db is not None for each in summary.decisions):
+        say(f"texture: {split_text(settings.cutoff_hz)}")
     for line in (*missed_targets(summary, recording, settings), *missed_bands(summary)):
         say(line)
     took = f", in {seconds:.1f}{JOINED}s" if seconds >= 1 else ""
@@ -174,7 +179,7 @@ def row_of(each: Decision) -> ChannelRow:
         each.size,
         each.largest_error,
         each.relative_error,
-        each.snr_db,
+        each.snr_hf_db,
         each.st_sim,
         each.level_db,
         each.missed,
@@ -245,7 +250,7 @@ def grouped(rows: Sequence[ChannelRow]) -> Iterable[ChannelRow]:
             size=sum(row.size for row in members),
             largest_error=max(row.largest_error for row in members),
             relative_error=max(row.relative_error for row in members),
-            snr_db=least(row.snr_db for row in members),
+            snr_hf_db=least(row.snr_hf_db for row in members),
             st_sim=least(row.st_sim for row in members),
             level_db=least(row.level_db for row in members),
         )

@@ -6,6 +6,7 @@ With --follow it prints one line at each look at a growing file.
 from __future__ import annotations
 
 import json
+import re
 import sys
 import time
 from collections import Counter
@@ -374,6 +375,11 @@ def show(file: str, damage: DamageReport, found: dict[str, Any]) -> None:
     for key, value in catalogue.metadata.items():
         for text in metadata_texts(key, value):
             say(text)
+        if key == "encoder" and "(texture " in str(value):
+            from ..split import LF_CUTOFF_HZ, split_text
+
+            cutoff = re.search(r"--cutoff ([\d.]+)", str(value))
+            say(f"texture: {split_text(float(cutoff[1]) if cutoff else LF_CUTOFF_HZ)}")
     for attachment in found["attachments"]:
         say(f"attachment: {attachment['name']} ({attachment['size']} bytes)")
     tell_some(damage.lines())

@@ -98,11 +98,11 @@ class Decision:
     ``original_bits`` of one sample as it came. ``exact``: the track is stored without loss (on
     its grid, see ``lattice``); ``within``: every sample was found within the bound of the track.
     ``axis_count`` channels share a vector. ``size`` in bytes, of packets and codebooks.
-    ``snr_db``, ``st_sim``: the quality of the texture as decoded, without silent stretches; None
-    where no texture is kept, or where it was not measured. ``level_db``, ``band_db``: how much
-    louder a synthetic texture is than the recorded one, above 40 Hz and in the band that is
-    furthest off. ``missed``: why the texture does not
-    have the quality that was asked for.
+    ``snr_hf_db``, ``st_sim``: the quality of the texture as decoded, without silent stretches;
+    ``snr_db``: of all frequencies, as in :mod:`hapfmt.metrics`; None where no texture is kept, or
+    where it was not measured. ``level_db``, ``band_db``: how much louder a synthetic texture is
+    than the recorded one, above 40 Hz and in the band that is furthest off. ``missed``: why the
+    texture does not have the quality that was asked for.
     """
 
     channel: int
@@ -120,6 +120,7 @@ class Decision:
     largest_error: float
     relative_error: float
     original_bits: int
+    snr_hf_db: float | None = None
     snr_db: float | None = None
     st_sim: float | None = None
     level_db: float | None = None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import inf, log10
+from math import inf, isfinite, log10
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..metrics import (
     TEXTURE_EDGE,
     TEXTURE_HIGH_PASS_HZ,
     resampling_8khz,
+    snr_db,
     st_sim,
 )
 from .settings import CLOSE, TEXTURE_DB, TextureQuality
@@ -80,11 +81,12 @@ class NoiseMeasure:
         return mse / self.power if self.power else inf
 
     def value(self, y: Doubles) -> dict[str, float]:
-        error = self.error(y)
-        return {"snr_db": -10 * log10(error)} if 0 < error < inf else {}
+        error, whole = self.error(y), snr_db(self.x, y)
+        found = {"snr_hf_db": -10 * log10(error)} if 0 < error < inf else {}
+        return {**found, "snr_db": whole} if isfinite(whole) else found
 
     def close(self, y: Doubles) -> bool:
-        db = self.value(y).get("snr_db")
+        db = self.value(y).get("snr_hf_db")
         return db is not None and abs(db - self.db) <= CLOSE * self.db
 
 

@@ -165,7 +165,7 @@ class Unit:
     """As they were coded, where that is not as they were prepared."""
 
     reached: dict[str, float] = field(default_factory=dict)
-    """The quality of the texture as decoded: snr_db, st_sim; of a model level_db and band_db."""
+    """The quality of the texture as decoded, as a decision has it: snr_hf_db, level_db ..."""
 
     missed: str = ""
     """Why the texture does not have the quality that was asked for; empty: it has."""

@@ -291,14 +291,14 @@ def extras_of(
         raise ParameterError("attachments are {name: (media type, bytes)}") from None
 
 
-_REACHED = (("snr_db", "", " dB"), ("st_sim", "ST-SIM ", ""), ("level_db", "level ", " dB"))
+_REACHED = (("snr_hf_db", "", " dB"), ("st_sim", "ST-SIM ", ""), ("level_db", "level ", " dB"))
 """Members of a decision on the quality of a texture, and what is printed around them."""
 
 
 def reached(decisions: Sequence[Decision]) -> str:
     """The quality of textures, for the metadata: " (texture 20.1 to 20.3 dB, 1 exact)"."""
-    exact = sum((each.snr_db or 0) > EXACT_DB for each in decisions)
-    decisions = [each for each in decisions if (each.snr_db or 0) <= EXACT_DB]
+    exact = sum((each.snr_hf_db or 0) > EXACT_DB for each in decisions)
+    decisions = [each for each in decisions if (each.snr_hf_db or 0) <= EXACT_DB]
     texts = []
     for name, before, after in _REACHED:
         found = [value for each in decisions if (value := getattr(each, name)) is not None]
