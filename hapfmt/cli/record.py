@@ -71,6 +71,9 @@ LOST = 3
 )
 @click.option("--fast", is_flag=True, default=None, help="lossless: faster, 7 % larger.")
 @click.option("--max-error", type=AmountType(), help="near-lossless: 0.01, 2lsb.")
+@click.option(
+    "--force-error", is_flag=True, default=None, help="Allow a --max-error above 10 % of a range."
+)
 @click.option("--k", "k", type=ShareType(), help="perceptual: Weber fraction [10%].")
 @click.option("--floor", type=AmountType(), help="perceptual: absolute threshold: 10mN, 2lsb.")
 @click.option(
@@ -138,7 +141,7 @@ def record(
     from ..writing.streams import BareTable, InputStream
 
     given["felt"] = given["felt"] or None
-    chosen = ("fast", "max_error", "k", "floor", "felt", "texture")
+    chosen = ("fast", "max_error", "force_error", "k", "floor", "felt", "texture")
     preset, asked = renamed(preset, {name: given.pop(name) for name in chosen})
     settings = Settings.of(preset, **asked)
     options = {**given, "append": append, "force": force, "fsync": fsync_of(fsync)}

@@ -49,7 +49,16 @@ from .exact import beside_counts, natural_candidate
 from .gridded import grid_within, nearest
 from .knots import Coded
 from .lattice import LatticeSearch, sparse
-from .plan import CLOCK_LABEL, Promise, absolute_threshold, bound_promise, quantity_of
+from .plan import (
+    CLOCK_LABEL,
+    NOT_FELT,
+    Promise,
+    absolute_threshold,
+    bound_promise,
+    felt_channels,
+    idle_options,
+    quantity_of,
+)
 from .predict import encode_best, encode_quick
 from .rational import shortest_fraction
 from .settings import ALL, WEBER_LIMITS, Settings, Tolerance
@@ -316,6 +325,28 @@ def live_promise(channel: Channel, settings: Settings) -> Promise:
     k = settings.k if limit is None else min(settings.k, limit)
     floor = absolute_threshold(channel, settings) or floor
     return Promise(ONE_COUNT if floor.kind == "range" else floor, k)
+
+
+def by_label(settings: Settings, inputs: Sequence[Input]) -> Settings:
+    """Return the settings with labels in the place of numbers of felt channels."""
+    labels = {str(number): given.label for number, given in enumerate(inputs)}
+    if settings.felt is None or settings.felt == ALL:
+        return settings
+    names = [name if name in labels.values() else labels.get(name, name) for name in settings.felt]
+    return replace(settings, felt=tuple(names))
+
+
+def check_inputs(inputs: Sequence[Input], settings: Settings) -> None:
+    """Refuse options of preset perceptual that no input uses; warn of those that do nothing."""
+    if settings.preset != "perceptual" or not inputs:
+        return
+    channels = [plan_input(given, settings).channel for given in inputs]
+    felt = felt_channels(channels, settings)
+    promises = [live_promise(channel, settings) for channel in channels]
+    if not any(felt) and (unused := settings.departures(["k", "floor"])):
+        raise ParameterError(f"{unused[0]} would do nothing: {NOT_FELT}")
+    for text in idle_options(channels, settings, felt, promises):
+        warnings.warn(text, DataWarning, stacklevel=5)
 
 
 def bound_for(channel: Channel, promise: Promise, settings: Settings) -> Bound | None:

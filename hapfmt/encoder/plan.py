@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -151,8 +152,10 @@ def idle_options(
 ) -> Iterator[str]:
     """Yield a sentence for each choice of preset perceptual that does nothing here."""
     if not any(felt):
-        if any(not promise.lossless for promise in promises):
-            yield f"{NOT_FELT}; until then preset perceptual does what near-lossless does"
+        # A clock, a constant or states are lossless for a reason of their own.
+        kept = {each.kept_as for each in promises if not (each.lossless and each.why)}
+        if kept:
+            yield f"{NOT_FELT}; until then channels are kept {' or '.join(sorted(kept))}"
         return
     bounded = any(promise.floor is settings.max_error for promise in promises)
     if settings.departures(["max_error"]) and not bounded:
@@ -188,18 +191,18 @@ def check_error(settings: Settings, extent: float, error: float, label: str, uni
 
     extent: the channel's largest minus its smallest value, in ``unit``; error: in ``unit`` too.
     """
+    if text := too_wide(settings, extent, error, label, unit):
+        amount = settings.max_error
+        meant = amount.is_plain and amount.value <= 100 * LARGEST_SHARE
+        guess = f"; did you mean {amount.value:g}%?" if meant else "."
+        raise ParameterError(f"{text}{guess} To allow it, add force_error=True")
+
+
+def too_wide(settings: Settings, extent: float, error: float, label: str, unit: str) -> str:
+    """Return what the largest error is of the range of a channel, "" where that is no mistake."""
     if settings.allows_any_error or not error > LARGEST_SHARE * extent > 0:
-        return
+        return ""
     amount = settings.max_error
-    meant = amount.is_plain and amount.value <= 100 * LARGEST_SHARE
-    guess = f"; did you mean {amount.value:g}%? " if meant else ". "
-    raise ParameterError(
-        share_text(amount, extent, error, label, unit) + guess + "To allow it, add force_error=True"
-    )
-
-
-def share_text(amount: Tolerance, extent: float, error: float, label: str, unit: str) -> str:
-    """Return what a largest error is of the range of a channel: 1 N is 46 % of the range."""
     share = f"{100 * error / extent:.3g} % of the range" if error < extent else "the whole range"
     shown = replace(amount, unit=amount.unit or unit_text(unit))
     return f"{amount_text(shown)} is {share} of channel {label!r}"
@@ -419,3 +422,31 @@ def without_glitches(x: NDArray[Any]) -> NDArray[Any]:
     calm = x.copy()
     calm[found] = median3(np.pad(x, 1, mode="reflect"))[found]
     return calm
+
+
+@dataclass
+class Range:
+    """The range of samples that come in pieces, and of the medians of each three neighbours."""
+
+    low: float = inf
+    high: float = -inf
+    calm_low: float = inf
+    calm_high: float = -inf
+    last: NDArray[Any] | None = None
+
+    def add(self, x: NDArray[Any]) -> None:
+        if not x.size:
+            return
+        self.low, self.high = min(self.low, x.min().item()), max(self.high, x.max().item())
+        x = x if self.last is None else np.concatenate([self.last, x])
+        if x.size > 2:
+            calm = median3(x)
+            self.calm_low = min(self.calm_low, calm.min().item())
+            self.calm_high = max(self.calm_high, calm.max().item())
+        self.last = x[-2:].copy()
+
+    @property
+    def extent(self) -> float:
+        """Without single samples far beyond all others: never more than the range of the rest."""
+        low, high = self.calm_low, self.calm_high
+        return high - low if low <= high and isfinite(high - low) else 0

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..clocks import ClockObservation
 from ..encoder.live import Input
 from ..encoder.settings import Settings
-from ..errors import LimitError, ParameterError, unknown
+from ..errors import DataWarning, LimitError, ParameterError, unknown
 from ..limits import TICK_LIMIT
 from ..numbers import counted, exact
 from ..recording import Event
@@ -612,6 +612,8 @@ class Recorder:
             self.worker.thread.join()
         if self.worker.error is not None:
             raise self.worker.error
+        for text in self.worker.wide_errors():
+            warnings.warn(text, DataWarning, stacklevel=2)
 
 
 def shut(queue: SampleQueue[Item], worker: Worker, process: int) -> None:
