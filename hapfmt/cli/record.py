@@ -30,6 +30,7 @@ from .common import (
     json_option,
     labels_option,
     standard_input,
+    tell_no_report,
     unit_option,
 )
 from .screen import Verb, complain, note, say
@@ -144,6 +145,7 @@ def record(
     chosen = ("fast", "max_error", "force_error", "k", "floor", "felt", "texture")
     preset, asked = renamed(preset, {name: given.pop(name) for name in chosen})
     settings = Settings.of(preset, **asked)
+    tell_no_report(target, {"--json": as_json})
     options = {**given, "append": append, "force": force, "fsync": fsync_of(fsync)}
 
     def begin(header: Header) -> Recorder:

@@ -281,8 +281,8 @@ def _write_columns(group: Any, columns: Mapping[str, Any]) -> None:
 
 def read_ours(file: Any, texts: Texts, options: ReadOptions) -> Import:
     """A recording that :func:`write_ours` wrote."""
-    for name in ("transpose", "clock", "episode"):
-        if getattr(options, name) is not None:
+    for name in ("transpose", "clock", "episode", "keep_stamps"):
+        if getattr(options, name) not in (None, False):
             raise ParameterError(f"{name} is not for a recording that hapfmt wrote")
     walk = Walk(texts)
     about = walk.attributes(file, ())

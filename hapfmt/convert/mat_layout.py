@@ -291,8 +291,8 @@ def is_ours(tree: SourceTree) -> bool:
 
 def read_ours(tree: SourceTree, options: ReadOptions) -> Import:
     """A recording that :func:`write_ours` wrote."""
-    for name in ("transpose", "clock", "episode"):
-        if getattr(options, name) is not None:
+    for name in ("transpose", "clock", "episode", "keep_stamps"):
+        if getattr(options, name) not in (None, False):
             raise ParameterError(f"{name} is not for a recording that hapfmt wrote")
     with refusing("this MAT file cannot be read", RecursionError, AttributeError):
         return _read(tree, options)

@@ -243,6 +243,8 @@ def check_settings(settings: Settings) -> None:
         raise ParameterError(NEEDS_WHOLE.format("preset paper"))
     if settings.preset == "perceptual" and settings.texture:
         raise ParameterError(NEEDS_WHOLE.format("texture in preset perceptual"))
+    if settings.vectors == "required":
+        raise ParameterError("vectors would do nothing: while recording, each axis has its track")
     if settings.tolerance is not None:
         raise ParameterError("while recording, an input states its lsb in place of a tolerance")
     if settings.preset == "near-lossless" and settings.max_error.kind == "range":

@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import pairwise
 from math import inf, isfinite
 from typing import Any
 
@@ -93,7 +94,10 @@ def promises_of(recording: Recording, settings: Settings) -> list[Promise]:
         promise_of(channel, settings, felt=None if settings.felt is None else is_felt)
         for channel, is_felt in zip(channels, felt, strict=True)
     ]
-    if settings.preset == "perceptual" and recording.sample_count:
+    if not recording.sample_count:
+        return promises
+    check_kinds(channels, settings, promises)
+    if settings.preset == "perceptual":
         check_effects(channels, settings, felt, promises)
         for text in idle_options(channels, settings, felt, promises):
             # The caller of hapfmt.write is five calls away.
@@ -120,6 +124,25 @@ def called_felt(name: str, channels: Sequence[Channel]) -> list[int]:
     if name.isdecimal() and int(name) < len(labels):
         return [int(name)]
     raise ParameterError(f"no channel is called {name!r}; there are: {', '.join(labels)}")
+
+
+def check_kinds(channels: Sequence[Channel], settings: Settings, promises: list[Promise]) -> None:
+    """Refuse options for floating point channels, or for vectors, where there are none."""
+    if settings.tolerance is not None and not any(
+        channel.calibration is None and not promise.lossless
+        for channel, promise in zip(channels, promises, strict=True)
+    ):
+        raise ParameterError(
+            "tolerance would do nothing: no floating point channel may have an error; "
+            "integer channels have a grid already"
+        )
+    if settings.vectors == "required" and not any(
+        one.group and one.group == other.group for one, other in pairwise(channels)
+    ):
+        raise ParameterError(
+            "vectors would do nothing: no neighbours share a group; give the axes of a vector "
+            "the same group"
+        )
 
 
 NOT_FELT = "no channel is known to be felt: add unit='N' or felt='all'"

@@ -333,6 +333,8 @@ class Options:
             )
         if self.append and self.force:
             raise ParameterError("use either force or append, not both")
+        if self.epoch_ns is None and self.epoch_uncertainty_ns:
+            raise ParameterError("epoch_uncertainty_ns requires epoch_ns")
         if self.at is not None and not self.append:
             raise ParameterError("at requires append")
 
@@ -398,6 +400,8 @@ class Start:
                 create_live(file, force=options.force, sync=self.policy), self.policy
             )
         else:
+            if not isinstance(options.fsync, str):
+                raise ParameterError("fsync is for files: a stream has no disk to wait for")
             self.output = RecordingOutput(Pipe(file), self.policy)
         try:
             self.output.writer = FileWriter(

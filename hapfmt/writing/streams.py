@@ -140,6 +140,8 @@ class StreamSession:
         self.recorder: Recorder | None = None
         self.tick = 0
         """Tick of the next row."""
+        self.unused: list[str] = []
+        """Options that only a stream without a header uses."""
 
     def start(self, header: Header) -> None:
         self.recorder = self.begin(header)
@@ -154,7 +156,12 @@ class StreamSession:
     def object(self, given: dict[str, Any]) -> None:
         """A header, or one of the actions."""
         if self.recorder is None:
-            self.start(read(HeaderKeys, given).made())
+            header = read(HeaderKeys, given).made()
+            header.notes.extend(
+                f"{option} does nothing here: the header of the stream describes the channels"
+                for option in self.unused
+            )
+            self.start(header)
         elif "channels" in given:
             raise ParameterError("a stream can have only one header")
         else:
@@ -558,6 +565,9 @@ class InputStream:
     def __init__(self, begin: Callable[[Header], Recorder], table: BareTable | None = None) -> None:
         self.session = StreamSession(begin)
         self.table = table or BareTable()
+        self.session.unused = [
+            f"--{name}" for name, value in vars(self.table).items() if value not in (None, ())
+        ]
         self.first = b""
         self.parser: LineStream | Frames | None = None
 
