@@ -159,6 +159,8 @@ def recording_of(
         assert not isinstance(rate, Mapping)
         return _recording_of_frame(frame, rate, labels, units)
     if isinstance(data, Mapping):
+        if transpose is not None:
+            raise ParameterError("transpose is for arrays; a dict has an array for each channel")
         keys = [str(name) for name in data]
         rows = [_row(value, str(name)) for name, value in data.items()]
         labels, units = _described(keys, labels, units)

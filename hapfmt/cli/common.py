@@ -628,6 +628,12 @@ def save_recording(
         target.flush()  # type: ignore[union-attr]
 
 
+def tell_no_report(target: str, asked: Mapping[str, bool]) -> None:
+    """Note the options of a report that is not printed, since standard output has the file."""
+    for option in (option for option, given in asked.items() if given and target == "-"):
+        note(f"{option} does nothing with an output on standard output; give OUT a name")
+
+
 def tell_written(target: str, words: str) -> None:
     """Reports on a terminal that the work is done; a pipe or a program gets nothing."""
     if target != "-" and width_of() is not None:

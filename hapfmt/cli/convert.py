@@ -28,6 +28,7 @@ from .common import (
     save_recording,
     suffix_of,
     tell_import,
+    tell_no_report,
     tell_notes,
     tell_written,
     unit_option,
@@ -85,6 +86,7 @@ def convert(
     if suffix_of(source, input_format) == suffix_of(target, output_format) == HAPF:
         raise ParameterError("both are .hapf: copy the file, or use hapfmt encode")
     suffix = suffix_of(target, output_format)
+    tell_no_report(target, {"--json": as_json})
     if suffix == HAPF:
         for name, value in (("schema", schema), ("fps", fps)):
             if value is not None:

@@ -43,6 +43,7 @@ from .common import (
     refuse_target,
     suffix_of,
     tell_import,
+    tell_no_report,
     tell_notes,
     threads_option,
     unit_option,
@@ -132,7 +133,6 @@ def show(
     settings: Settings,
     *,
     verbose: bool,
-    overview: bool = False,
 ) -> None:
     from ..split import split_text
 
@@ -161,10 +161,8 @@ def show(
     if settings.bitrate is not None and recording.duration:
         rate = f", {kbit_per_second(summary, recording.duration):.4g}{JOINED}kbit/s"
     say(f"{target}: {summary.file_size} bytes{rate}, {compared(summary)}{took}")
-    if overview and summary.overview_size:
+    if summary.overview_size:
         say(f"the overview takes {summary.overview_size} bytes of it")
-    elif overview:
-        say("no overview: it would take too much of the file")
     hint = advice(summary, recording)
     if hint:
         say(hint)
@@ -573,6 +571,9 @@ def encode(
     from ..writing.writer import write
 
     refuse_target(target, force)
+    tell_no_report(target, {"--json": as_json, "-v": verbose})
+    if as_json and verbose:
+        note("-v does nothing beside --json, which describes every channel anyway")
     if target != "-" and suffix_of(target, None) != HAPF:
         note(f"{target} will be a hapf file; the usual suffix is {HAPF}")
     given["vectors"] = "required" if vectors else None
@@ -624,9 +625,7 @@ def encode(
     if as_json and target != "-":
         echo_json(summary_json(summary, duration, seconds))
     elif target != "-":
-        show(
-            summary, target, seconds, recording, settings, verbose=verbose, overview=overview,
-        )  # fmt: skip
+        show(summary, target, seconds, recording, settings, verbose=verbose)
     return code
 
 
@@ -663,6 +662,7 @@ def summary_json(summary: Summary, duration: Fraction, seconds: float) -> dict[s
     return {
         "file_size": summary.file_size,
         "payload_size": summary.payload_size,
+        "overview_size": summary.overview_size,
         "sample_count": summary.sample_count,
         "duration_s": float(duration),
         "kbit_per_s": kbit_per_second(summary, duration) if duration else None,

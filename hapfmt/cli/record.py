@@ -31,6 +31,7 @@ from .common import (
     json_option,
     labels_option,
     standard_input,
+    tell_no_report,
     unit_option,
 )
 from .screen import Verb, complain, note, say
@@ -72,6 +73,9 @@ LOST = 3
 )
 @click.option("--fast", is_flag=True, default=None, help="lossless: faster, 7 % larger.")
 @click.option("--max-error", type=AmountType(), help="near-lossless: 0.01, 2lsb.")
+@click.option(
+    "--force-error", is_flag=True, default=None, help="Allow a --max-error above 10 % of a range."
+)
 @click.option("--k", "k", type=ShareType(), help="perceptual: Weber fraction [10%].")
 @click.option("--floor", type=AmountType(), help="perceptual: absolute threshold: 10mN, 2lsb.")
 @click.option(
@@ -145,9 +149,10 @@ def record(
     from ..writing.streams import BareTable, InputStream
 
     given["felt"] = given["felt"] or None
-    chosen = ("fast", "max_error", "k", "floor", "felt", "texture")
+    chosen = ("fast", "max_error", "force_error", "k", "floor", "felt", "texture")
     preset, asked = renamed(preset, {name: given.pop(name) for name in chosen})
     settings = Settings.of(preset, **asked)
+    tell_no_report(target, {"--json": as_json})
     options = {**given, "append": append, "force": force, "fsync": fsync_of(fsync)}
 
     def begin(header: Header) -> Recorder:

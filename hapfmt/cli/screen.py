@@ -65,6 +65,7 @@ IN_OPTIONS = {
     "texture_codec": "--texture-codec", "cutoff_hz": "--cutoff",
     "references=False": "--no-references", "fast=True": "--fast",
     "add unit='N' or felt='all'": "add --unit N or --felt all",
+    "channels is floor": "channels is --floor",
     "; use force=True to ": "; use --force to ",
     "hapfmt.Reader reads what is intact; hapfmt.recover(file, into) writes an intact copy": (
         "hapfmt decode gives what is intact; hapfmt recover writes an intact copy"

@@ -7,7 +7,8 @@ the ways. The encoder reports each decision.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from functools import partial
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters
-from ..errors import FormatError, MissingExtraError, ParameterError
+from ..errors import DataWarning, FormatError, MissingExtraError, ParameterError
 from ..format.cluster import Packet
 from ..format.track import Track
 from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
@@ -43,13 +44,13 @@ from .exact import (
     stretches,
     words_size,
 )
-from .gridded import Gridded, on_grid, without_odd_values
+from .gridded import NO_STEP, Gridded, on_grid, without_odd_values
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, sparse
 from .plan import Promise, check_error, promises_of, range_of, vector_promise
 from .predict import shorten
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
-from .settings import Settings
+from .settings import Settings, Tolerance
 from .source import InputBlock, cut, group_units, side_by_side
 from .texture import encode_textured
 from .unit import (
@@ -199,13 +200,23 @@ def encode(
         raise MissingExtraError("vibromaf", "metrics")
     encoding = Encoding(recording, settings, progress or (lambda _done, _all: None), threads)
     if settings.bitrate is None or not encoding.textures:
-        return encoding.finish(encoding.parts)
-    return fill(
-        lambda db: encoding.finish(encoding.at_quality(db)),
-        size_of or about,
-        settings.bitrate * 1000 / 8 * float(recording.duration),
-        sum(part.members[0].channel.stored.size for part in encoding.textures),
+        return with_weights(encoding.finish(encoding.parts))
+    return with_weights(
+        fill(
+            lambda db: encoding.finish(encoding.at_quality(db)),
+            size_of or about,
+            settings.bitrate * 1000 / 8 * float(recording.duration),
+            sum(part.members[0].channel.stored.size for part in encoding.textures),
+        )
     )
+
+
+def with_weights(encoded: Encoded) -> Encoded:
+    """Return the same; warn where no texture has the steps that a weighting changes."""
+    if encoded.settings.weighting and not any(track.codec == "MDCT" for track in encoded.tracks):
+        text = "weighting does nothing here: LPCR is smaller; add texture_codec='MDCT'"
+        warnings.warn(text, DataWarning, stacklevel=4)
+    return encoded
 
 
 def about(encoded: Encoded) -> int:
@@ -325,6 +336,7 @@ def encode_parts(
         return found
 
     prepared = list(in_order(gridded, numbers, job.threads))
+    tell_without_step(job.promises[first:stop], prepared, settings)
     groups = list(
         group_units(
             [each.channel for each in prepared],
@@ -353,6 +365,23 @@ def encode_parts(
         for part in coded:
             yield part
             done(part.stop)
+
+
+def tell_without_step(
+    asked: Sequence[Promise], prepared: Sequence[Gridded], settings: Settings
+) -> None:
+    """Warn of amounts in steps for channels whose step is not known: they stay lossless."""
+    for option in ("max_error", "floor"):
+        amount: Tolerance | None = getattr(settings, option)
+        names = [
+            repr(each.channel.label)
+            for promise, each in zip(asked, prepared, strict=True)
+            if promise.floor is amount and each.promise.why == NO_STEP
+        ]
+        if amount is not None and names:
+            more = f" and {len(names) - 1} more" if names[1:] else ""
+            text = f"{option} does nothing for {names[0]}{more}: {NO_STEP}; give it in a unit or %"
+            warnings.warn(text, DataWarning, stacklevel=5)
 
 
 def check_bound(channel: Channel, found: Gridded, settings: Settings) -> None:

@@ -33,6 +33,9 @@ ODD_SHARE = 1000
 """At most one infinite sample in 1000 becomes a gap; with more, the channel is lossless."""
 
 
+NO_STEP = "no step is known, so an amount in lsb does not apply"
+
+
 @dataclass(frozen=True)
 class Gridded:
     """A channel as it is coded, one line on its grid, and what it promises there: of a floating
@@ -116,7 +119,7 @@ def in_unit(
             counted, _ = to_counts(channel, search=search)
             step = float(abs(counted.calibration.step)) if counted.calibration else None
         if step is None:
-            return None, "no step is known, so an amount in lsb does not apply"
+            return None, NO_STEP
         value: float | None = floor.absolute(0.0, step)
     else:
         value = floor.absolute(extent_of(x), None, channel.unit)

@@ -52,12 +52,14 @@ from .knots import Coded
 from .lattice import FOUR_DIGITS_DOWN, LatticeSearch, sparse
 from .plan import (
     CLOCK_LABEL,
-    LARGEST_SHARE,
+    NOT_FELT,
     Promise,
     absolute_threshold,
     amount_text,
     bound_promise,
     exact_kind,
+    felt_channels,
+    idle_options,
     quantity_of,
     without_glitches,
 )
@@ -245,6 +247,8 @@ def check_settings(settings: Settings) -> None:
         raise ParameterError(NEEDS_WHOLE.format("preset paper"))
     if settings.preset == "perceptual" and settings.texture:
         raise ParameterError(NEEDS_WHOLE.format("texture in preset perceptual"))
+    if settings.vectors == "required":
+        raise ParameterError("vectors would do nothing: while recording, each axis has its track")
     if settings.tolerance is not None:
         raise ParameterError("while recording, an input states its lsb in place of a tolerance")
 
@@ -338,6 +342,28 @@ def live_promise(channel: Channel, settings: Settings) -> Promise:
     floor = absolute_threshold(channel, settings) or floor
     one_count = floor.kind == "range" and channel.calibration is not None
     return Promise(ONE_COUNT if one_count else floor, k)
+
+
+def by_label(settings: Settings, inputs: Sequence[Input]) -> Settings:
+    """Return the settings with labels in the place of numbers of felt channels."""
+    labels = {str(number): given.label for number, given in enumerate(inputs)}
+    if settings.felt is None or settings.felt == ALL:
+        return settings
+    names = [name if name in labels.values() else labels.get(name, name) for name in settings.felt]
+    return replace(settings, felt=tuple(names))
+
+
+def check_inputs(inputs: Sequence[Input], settings: Settings) -> None:
+    """Refuse options of preset perceptual that no input uses; warn of those that do nothing."""
+    if settings.preset != "perceptual" or not inputs:
+        return
+    channels = [plan_input(given, settings).channel for given in inputs]
+    felt = felt_channels(channels, settings)
+    promises = [live_promise(channel, settings) for channel in channels]
+    if not any(felt) and (unused := settings.departures(["k", "floor"])):
+        raise ParameterError(f"{unused[0]} would do nothing: {NOT_FELT}")
+    for text in idle_options(channels, settings, felt, promises):
+        warnings.warn(text, DataWarning, stacklevel=5)
 
 
 def bound_for(channel: Channel, promise: Promise, settings: Settings) -> Bound | None:
@@ -879,15 +905,12 @@ class WithinEncoder:
     @property
     def note(self) -> str | None:
         """What people should know at the end."""
-        label, extent = self.plan.input.label, float(self.high - self.low)
-        if self.odd_count:
-            return (
-                f"{self.odd_count} samples of {label!r} are kept bit for bit, with their clusters: "
-                "infinite values, or too large for the grid of the bound"
-            )
-        if self.plan.promise.k or not self.allowed > LARGEST_SHARE * extent > 0:
+        if not self.odd_count:
             return None
-        return f"the largest error of {label!r} is {100 * self.allowed / extent:.3g} % of its range"
+        return (
+            f"{self.odd_count} samples of {self.plan.input.label!r} are kept bit for bit, with "
+            "their clusters: infinite values, or too large for the grid of the bound"
+        )
 
     def widen(self, x: Doubles) -> None:
         """Take a wider bound from this block on, where there is one."""

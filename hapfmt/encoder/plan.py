@@ -14,6 +14,8 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import pairwise
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -88,7 +90,10 @@ def promises_of(recording: Recording, settings: Settings) -> list[Promise]:
         promise_of(channel, settings, felt=None if settings.felt is None else is_felt)
         for channel, is_felt in zip(channels, felt, strict=True)
     ]
-    if settings.preset == "perceptual" and recording.sample_count:
+    if not recording.sample_count:
+        return promises
+    check_kinds(channels, settings, promises)
+    if settings.preset == "perceptual":
         check_effects(channels, settings, felt, promises)
         for text in idle_options(channels, settings, felt, promises):
             # The caller of hapfmt.write is five calls away.
@@ -115,6 +120,25 @@ def called_felt(name: str, channels: Sequence[Channel]) -> list[int]:
     if name.isdecimal() and int(name) < len(labels):
         return [int(name)]
     raise ParameterError(f"no channel is called {name!r}; there are: {', '.join(labels)}")
+
+
+def check_kinds(channels: Sequence[Channel], settings: Settings, promises: list[Promise]) -> None:
+    """Refuse options for floating point channels, or for vectors, where there are none."""
+    if settings.tolerance is not None and not any(
+        channel.calibration is None and not promise.lossless
+        for channel, promise in zip(channels, promises, strict=True)
+    ):
+        raise ParameterError(
+            "tolerance would do nothing: no floating point channel may have an error; "
+            "integer channels have a grid already"
+        )
+    if settings.vectors == "required" and not any(
+        one.group and one.group == other.group for one, other in pairwise(channels)
+    ):
+        raise ParameterError(
+            "vectors would do nothing: no neighbours share a group; give the axes of a vector "
+            "the same group"
+        )
 
 
 NOT_FELT = "no channel is known to be felt: add unit='N' or felt='all'"
@@ -147,8 +171,14 @@ def idle_options(
 ) -> Iterator[str]:
     """Yield a sentence for each choice of preset perceptual that does nothing here."""
     if not any(felt):
-        if any(not promise.lossless for promise in promises):
-            yield f"{NOT_FELT}; until then preset perceptual does what near-lossless does"
+        # A clock, a constant or states are lossless for a reason of their own.
+        kept = {
+            f"within {amount_text(each.floor)}" if each.floor else "lossless"
+            for each in promises
+            if not (each.lossless and each.why)
+        }
+        if kept:
+            yield f"{NOT_FELT}; until then channels are kept {' or '.join(sorted(kept))}"
         return
     bounded = any(promise.floor is settings.max_error for promise in promises)
     if settings.departures(["max_error"]) and not bounded:
@@ -185,18 +215,18 @@ def check_error(settings: Settings, extent: float, error: float, label: str, uni
 
     extent: the channel's largest minus its smallest value, in ``unit``; error: in ``unit`` too.
     """
+    if text := too_wide(settings, extent, error, label, unit):
+        amount = settings.max_error
+        meant = amount.is_plain and amount.value <= 100 * LARGEST_SHARE
+        guess = f"; did you mean {amount.value:g}%?" if meant else "."
+        raise ParameterError(f"{text}{guess} To allow it, add force_error=True")
+
+
+def too_wide(settings: Settings, extent: float, error: float, label: str, unit: str) -> str:
+    """Return what the largest error is of the range of a channel, "" where that is no mistake."""
     if settings.allows_any_error or not error > LARGEST_SHARE * extent > 0:
-        return
+        return ""
     amount = settings.max_error
-    meant = amount.is_plain and amount.value <= 100 * LARGEST_SHARE
-    guess = f"; did you mean {amount.value:g}%? " if meant else ". "
-    raise ParameterError(
-        share_text(amount, extent, error, label, unit) + guess + "To allow it, add force_error=True"
-    )
-
-
-def share_text(amount: Tolerance, extent: float, error: float, label: str, unit: str) -> str:
-    """Return what a largest error is of the range of a channel: 1 N is 46 % of the range."""
     share = f"{100 * error / extent:.3g} % of the range" if error < extent else "the whole range"
     shown = replace(amount, unit=amount.unit or unit_text(unit))
     return f"{amount_text(shown)} is {share} of channel {label!r}"
@@ -404,3 +434,31 @@ def without_glitches(x: NDArray[Any]) -> NDArray[Any]:
     calm = x.copy()
     calm[found] = median3(np.pad(x, 1, mode="reflect"))[found]
     return calm
+
+
+@dataclass
+class Range:
+    """The range of samples that come in pieces, and of the medians of each three neighbours."""
+
+    low: float = inf
+    high: float = -inf
+    calm_low: float = inf
+    calm_high: float = -inf
+    last: NDArray[Any] | None = None
+
+    def add(self, x: NDArray[Any]) -> None:
+        if not x.size:
+            return
+        self.low, self.high = min(self.low, x.min().item()), max(self.high, x.max().item())
+        x = x if self.last is None else np.concatenate([self.last, x])
+        if x.size > 2:
+            calm = median3(x)
+            self.calm_low = min(self.calm_low, calm.min().item())
+            self.calm_high = max(self.calm_high, calm.max().item())
+        self.last = x[-2:].copy()
+
+    @property
+    def extent(self) -> float:
+        """Without single samples far beyond all others: never more than the range of the rest."""
+        low, high = self.calm_low, self.calm_high
+        return high - low if low <= high and isfinite(high - low) else 0

@@ -450,6 +450,8 @@ class Settings:
         for option, value in chosen.items():
             if value != _DEFAULTS.get(option) or not isinstance(value, (bool, str)):
                 refuse_unused(preset, option)
+        if chosen.get("fast") and chosen.get("references"):
+            raise ParameterError("fast=True looks for no references: leave references out")
         return cls(preset, **chosen)  # type: ignore[arg-type]
 
     def departures(self, names: Sequence[str]) -> list[str]:

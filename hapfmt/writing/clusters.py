@@ -328,6 +328,8 @@ class Observed:
         notes: list[str] = []
         if not self.maps:
             return notes
+        if not self.kept:
+            notes.append("clock_maps does nothing here: no clock was observed")
         for (clock, track), flat in self.kept.items():
             rows = zip(flat[::3], flat[1::3], flat[2::3], strict=True)
             rate = NANOSECONDS if track is None else writer.tracks[track].rate

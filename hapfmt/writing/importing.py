@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
-from math import inf, isfinite
+from math import inf
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -37,7 +37,7 @@ from ..encoder.live import (
     choose_exact,
     plan_input,
 )
-from ..encoder.plan import check_error, median3
+from ..encoder.plan import Range, check_error
 from ..encoder.settings import Settings, Tolerance, counts_of
 from ..encoder.unit import STEP_LIMIT
 from ..errors import DataWarning, LimitError, ParameterError
@@ -142,34 +142,6 @@ def write_import(
         importer.overview = True
         with readable(stream) as own:
             return importer.run(own, canonical)
-
-
-@dataclass
-class Range:
-    """The range of a column: of all values, and of the medians of each three neighbours."""
-
-    low: float = inf
-    high: float = -inf
-    calm_low: float = inf
-    calm_high: float = -inf
-    last: NDArray[Any] | None = None
-
-    def add(self, x: NDArray[Any]) -> None:
-        if not x.size:
-            return
-        self.low, self.high = min(self.low, x.min().item()), max(self.high, x.max().item())
-        x = x if self.last is None else np.concatenate([self.last, x])
-        if x.size > 2:
-            calm = median3(x)
-            self.calm_low = min(self.calm_low, calm.min().item())
-            self.calm_high = max(self.calm_high, calm.max().item())
-        self.last = x[-2:].copy()
-
-    @property
-    def extent(self) -> float:
-        """Without single samples far beyond all others: never more than the range of the rest."""
-        low, high = self.calm_low, self.calm_high
-        return high - low if low <= high and isfinite(high - low) else 0
 
 
 @dataclass

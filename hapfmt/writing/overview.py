@@ -7,6 +7,7 @@ bins. docs/spec/overview.md has the layout.
 from __future__ import annotations
 
 import shutil
+import warnings
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -18,6 +19,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import DataWarning
 from ..format.extras import OVERVIEW, OVERVIEW_NAMES, Attachment
 from ..format.layout import OVERVIEW_CHANNEL, OVERVIEW_END, OVERVIEW_PART
 from ..reading.overview import (
@@ -161,6 +163,9 @@ def attach_overview(stream: BinaryIO, writer: FileWriter, threads: int | None = 
     before = writer.offset
     if made is not None:
         writer.attach(made)
+    else:
+        text = "no overview: it would take too much of the file; a viewer reads all samples"
+        warnings.warn(text, DataWarning, stacklevel=4)
     return writer.offset - before
 
 

@@ -628,7 +628,7 @@ class Recorder:
             self.worker.thread.join()
         if self.worker.error is not None:
             raise self.worker.error
-        for text in self.worker.notes:
+        for text in (*self.worker.notes, *self.worker.wide_errors()):
             warnings.warn(text, DataWarning, stacklevel=2)
 
 

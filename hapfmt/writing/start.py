@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Any, BinaryIO, Literal
 
 from ..clocks import ClockObservation
-from ..encoder.live import Input, LiveEncoder
+from ..encoder.live import Input, LiveEncoder, by_label, check_inputs
 from ..encoder.settings import Settings
 from ..errors import HARMLESS, HapfmtError, ParameterError
 from ..format.cluster import Packet, parse_rows, parse_table_head, salvage_cluster
@@ -310,6 +310,10 @@ class Options:
         self.cluster = CLUSTER_S if asked is None else exact(asked)
         self.patience = exact(self.patience)
         self.settings = replace(settings, cluster=self.cluster)
+        if settings.cluster not in (None, self.cluster):
+            raise ParameterError("give the cluster or the settings its length, not both")
+        if self.append and (self.epoch_ns != "now" or self.epoch_uncertainty_ns):
+            raise ParameterError("epoch_ns is for a new file: the file that grows has its own")
         if self.cluster <= 0 or self.patience < 0:
             raise ParameterError("the cluster length must be positive, and patience not negative")
         if self.hold is None and self.canonical is None:
@@ -329,6 +333,8 @@ class Options:
             )
         if self.append and self.force:
             raise ParameterError("use either force or append, not both")
+        if self.epoch_ns is None and self.epoch_uncertainty_ns:
+            raise ParameterError("epoch_uncertainty_ns requires epoch_ns")
         if self.at is not None and not self.append:
             raise ParameterError("at requires append")
 
@@ -344,7 +350,7 @@ class Start:
         queue: SampleQueue[Item],
     ) -> None:
         assert options.settings is not None
-        self.options, self.settings = options, options.settings
+        self.options, self.settings = options, by_label(options.settings, inputs)
         self.policy = SyncPolicy(options.fsync)
         self.ends: list[int] = []
         self.notes: list[str] = []
@@ -377,6 +383,7 @@ class Start:
         options = self.options
         self.encoder = LiveEncoder(self.settings)
         level = self.encoder.level(inputs)
+        check_inputs(inputs, self.settings)
         epoch_ns = time.time_ns() if options.epoch_ns == "now" else options.epoch_ns
         known = Recording(epoch_ns=epoch_ns, epoch_uncertainty_ns=options.epoch_uncertainty_ns)
         made_by = f"hapfmt {__version__}: {self.settings.describe()}"
@@ -393,6 +400,8 @@ class Start:
                 create_live(file, force=options.force, sync=self.policy), self.policy
             )
         else:
+            if not isinstance(options.fsync, str):
+                raise ParameterError("fsync is for files: a stream has no disk to wait for")
             self.output = RecordingOutput(Pipe(file), self.policy)
         try:
             self.output.writer = FileWriter(
@@ -430,6 +439,7 @@ class Start:
             self.start_s = start_of(options.at, end_s, epoch_ns)
             self.members = self.match(catalogue.channels, inputs)
             needed = self.encoder.level(m.input for m in self.members).number
+            check_inputs(inputs, self.settings)
             if needed > catalogue.level.number:
                 raise ParameterError(
                     "the file is of level 1, and these inputs need level 2 (more than 24 bits)"

@@ -141,6 +141,8 @@ class StreamSession:
         self.recorder: Recorder | None = None
         self.tick = 0
         """Tick of the next row."""
+        self.unused: list[str] = []
+        """Options that only a stream without a header uses."""
 
     def start(self, header: Header) -> None:
         self.recorder = self.begin(header)
@@ -155,7 +157,12 @@ class StreamSession:
     def object(self, given: dict[str, Any]) -> None:
         """A header, or one of the actions."""
         if self.recorder is None:
-            self.start(read(HeaderKeys, given).made())
+            header = read(HeaderKeys, given).made()
+            header.notes.extend(
+                f"{option} does nothing here: the header of the stream describes the channels"
+                for option in self.unused
+            )
+            self.start(header)
         elif "channels" in given:
             raise ParameterError("a stream can have only one header")
         else:
@@ -593,6 +600,9 @@ class InputStream:
     ) -> None:
         self.session = StreamSession(begin)
         self.table, self.on_bad_line, self.usual = table or BareTable(), on_bad_line, usual
+        self.session.unused = [
+            f"--{name}" for name, value in vars(self.table).items() if value not in (None, ())
+        ]
         self.first = b""
         self.parser: LineStream | Frames | None = None
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, Generic, TypeVar
 
-from ..encoder.live import Block, Input, LiveEncoder
+from ..encoder.live import Block, Input, LiveEncoder, Plan, plan_input
+from ..encoder.plan import Range, too_wide
 from ..errors import ParameterError
 from ..format.cluster import Packet
 from ..format.track import Track
@@ -175,6 +176,8 @@ class Worker:
         self.written_at = time.monotonic()
         self.notes: list[str] = []
         """What people should know at the end."""
+        self.ranges: dict[int, tuple[Plan, Range]] = {}
+        """By channel number: those whose largest error the caller gave, and their ranges so far."""
         self.error: BaseException | None = None
         self.thread = threading.Thread(target=self.run, name="hapfmt recorder", daemon=True)
 
@@ -224,9 +227,13 @@ class Worker:
 
     def add(self, members: Sequence[FileChannel], starts: Sequence[int]) -> None:
         """Inputs that samples may come for, from these ticks on."""
+        settings = self.encoder.settings
         for member, start in zip(members, starts, strict=True):
             self.clusters.add(len(self.members), member.input.rate, start)
             self.members.append(member)
+            plan = plan_input(member.input, settings)
+            if plan.promise.floor is settings.max_error and not settings.allows_any_error:
+                self.ranges[member.number] = (plan, Range())
         # What does not depend on samples is described at once: the file is whole from then on.
         self.describe(self.encoder.begin({m.number: m.input for m in members if m.is_new}))
 
@@ -234,6 +241,9 @@ class Worker:
         for pieces in clusters:
             blocks = [self.members[p.channel].block(p.start, p.values) for p in pieces]
             tracks, packets = self.encoder.encode(blocks)
+            for block in blocks if self.ranges else ():
+                if block.channel in self.ranges:
+                    self.ranges[block.channel][1].add(block.values)
             self.describe(tracks)
             self.writer.cluster([*packets, *self.events(self.clusters.done_s)])
             self.observed.write(self.writer, self.first_tracks)
@@ -285,6 +295,19 @@ class Worker:
         self.output.close()
         self.progress.flushed_s = float(self.writer.stop)
         self.finished = True
+
+    def wide_errors(self) -> Iterator[str]:
+        """Yield a sentence for each channel that its largest error flattened."""
+        settings = self.encoder.settings
+        for plan, seen in self.ranges.values():
+            step = float(abs(plan.calibration.step)) if plan.channel.calibration else None
+            extent = seen.extent * (step if plan.input.takes_counts and step else 1)
+            error = settings.max_error.absolute(extent, step, plan.input.unit) or 0.0
+            if text := too_wide(settings, extent, error, plan.input.label, plan.input.unit):
+                yield (
+                    f"{text}, as is known now: next time give a smaller max_error, "
+                    "or force_error=True"
+                )
 
     def describe_silent(self) -> None:
         """Channels that nothing came for have a number all the same (TRK-010)."""
