@@ -38,7 +38,8 @@ def test_subset(room: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     line = done.stdout.decode()
-    assert line.startswith("part.hapf: ") and "2 channels, 1 s to 1.5 s, 4 packets" in line
+    assert line.startswith("part.hapf: ") and "2 channels, 1 s to 1.5 s (asked for " in line
+    assert "(asked for 1.2 s to 1.3 s), 4 packets" in line.replace("\u00a0", " ")
     assert [c.label for c in hapfmt.read(room / "part.hapf").channels] == ["a", "c"]
     code, told = run_json("subset", "a.hapf", "x.hapf", "--band", "hf", "--to-zero", cwd=room)
     assert (code, told["file"], told["start"]) == (0, "x.hapf", 0.0)
@@ -164,8 +165,21 @@ def test_a_part_that_reaches_beyond_its_times_says_so(tmp_path: Path) -> None:
     assert run("encode", "t.npz", "t.hapf", cwd=tmp_path).returncode == 0
     done = run("subset", "t.hapf", "p.hapf", "--start", "1", "--stop", "2", cwd=tmp_path)
     assert done.returncode == 0
-    assert b"packets are kept whole: the part is 0 s to 3 s" in done.stderr
-    assert b"hapfmt decode --start --stop" in done.stderr
+    assert b"0 s to 3 s (asked for 1 s to 2 s), 1 packet" in done.stdout
+    assert done.stderr == b"note: packets are kept whole; --exact cuts at the sample\n"
+    for words in (["--start", "1", "--stop", "2"], ["--start", "2"]):
+        done = run("subset", "t.hapf", "p.hapf", "-f", "--exact", *words, cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (0, b"")
+        exact = hapfmt.read(tmp_path / "p.hapf")["ch1"]
+        assert exact.coverage == (
+            hapfmt.Span(int(words[1]) * 1000, 2000 + 1000 * (len(words) < 3)),
+        )
+    done = run("subset", "t.hapf", "x.hapf", "--exact", cwd=tmp_path)
+    assert done.returncode == 1 and b"--exact requires --start or --stop" in done.stderr
+    code, told = run_json("split", "t.hapf", "--at", "1.5,2", "--exact", cwd=tmp_path)
+    assert code == 0 and [part["made"] for part in told["parts"]] == [[0, 1.5], [1.5, 2], [2, 3]]
+    done = run("concat", "part-000.hapf", "part-002.hapf", "c.hapf", cwd=tmp_path)
+    assert b"note: missing: 1.5 s to 2 s of all channels\n" in done.stderr
     assert run("encode", "t.npz", "t.hapf", "-f", "--cluster", "1", cwd=tmp_path).returncode == 0
     done = run("subset", "t.hapf", "p.hapf", "-f", "--start", "1", "--stop", "2", cwd=tmp_path)
     assert b"kept whole" not in done.stderr

@@ -115,8 +115,11 @@ def test_by_their_epochs() -> None:
     files = [made("lossless"), made("lossless", 1, **OTHER)]
     joined, edited = concat(files, times="epoch")
     assert edited.offsets == [0, 10] and edited.notes == [
-        "digests of 3 tracks left out: they are of other packets, or times"
+        "digests of 3 tracks left out: they are of other packets, or times",
+        "missing: 1.5 s to 1.54 s of all channels; 3.04 s to 10 s of all channels; "
+        "11.5 s to 11.54 s of all channels",
     ]
+    assert edited.missing[1][1:] == (Fraction(76, 25), 10)
     assert_intact(joined)
     assert hapfmt.read(joined).channels[0].gaps[1] == hapfmt.Span(1520, 5000)
     late = made("lossless", 1, epoch_ns=EPOCH_NS + 10 * 10**9 + 300_000)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 from fractions import Fraction
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import numpy as np
 import pytest
 from edited import (
     EPOCH_NS,
@@ -19,6 +21,7 @@ from edited import (
     made,
     packets_of,
     tracks_of,
+    write,
 )
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -29,6 +32,12 @@ from hapfmt.edit.making import common_period
 
 names = st.sampled_from(sorted(PRESETS))
 times = st.fractions(0, 4, max_denominator=50)
+EVENTS = (
+    hapfmt.Event(Fraction(1, 10), "long", Fraction(1)),
+    hapfmt.Event(Fraction(2, 10), "short", Fraction(1, 100)),
+    hapfmt.Event(Fraction(1, 2), "half", channel=0),
+    hapfmt.Event(Fraction(3, 2), "late"),
+)
 
 
 def subset(data: bytes, *arguments: object, **options: object) -> tuple[bytes, edit.Edited]:
@@ -62,7 +71,7 @@ def test_a_subset_of_everything_is_the_same_file(name: str) -> None:
 def test_a_subset_reads_as_the_whole_does(
     name: str, data: st.DataObject, a: Fraction, b: Fraction
 ) -> None:
-    """EDT-002: An editor MUST copy packets bit for bit, each as a whole, except the channel numbers in events. To all times that it takes from a file it adds one number of seconds, whole ticks of every track."""
+    """EDT-002: An editor MUST copy packets bit for bit, each as a whole, except the channel numbers in events. In the place of a packet that it is asked to cut at a sample, it may write one that decodes to the same values of the remaining samples. To all times that it takes from a file it adds one number of seconds, whole ticks of every track."""
     file = made(name)
     start, stop = min(a, b), max(a, b) + Fraction(1, 50)
     with hapfmt.Reader(file) as reader:
@@ -84,6 +93,118 @@ def test_a_subset_reads_as_the_whole_does(
         assert_same_channel(mine, restricted(theirs, mine))
     if edited.start is not None and edited.stop is not None:
         assert edited.start < stop and edited.stop > start
+
+
+UNCUT = "packets are kept whole, since they cannot be cut without a loss"
+
+
+@given(names, st.data(), times, times, st.booleans())
+def test_an_exact_subset_is_the_slice(
+    name: str, data: st.DataObject, a: Fraction, b: Fraction, to_zero: bool
+) -> None:
+    """Its samples are those of the whole from start to stop, no more. What cannot be cut is named
+    and stays whole. All other packets are copied."""
+    file = made(name)
+    start, stop = min(a, b), max(a, b) + Fraction(1, 50)
+    with hapfmt.Reader(file) as reader:
+        assume(start < reader.duration)
+        known = [ref.label for ref in reader.channels]
+    chosen = data.draw(st.lists(st.sampled_from(known), min_size=1, unique=True))
+    part, edited = subset(file, chosen, start, stop, exact=True, to_zero=to_zero)
+    assert_intact(part)
+    whole = [note for note in edited.notes if UNCUT in note]
+    assert not whole or not name.startswith("lossless")
+    kept = [channel.label for channel in hapfmt.read(part).channels]
+    if not to_zero:
+        expected = hapfmt.read(file, kept, start, stop)
+        found = hapfmt.read(part, kept, start, stop)
+        for mine, theirs in zip(found.channels, expected.channels, strict=True):
+            assert_same_channel(mine, theirs)
+    for channel in hapfmt.read(part).channels:
+        shift = 0 if not to_zero else edited.made[0] - edited.start if edited.made else 0
+        first, last = (-((shift - time) * channel.rate_exact // 1) for time in (start, stop))
+        outside = channel.stored.size and (channel.start_tick < first or channel.stop_tick > last)
+        assert not outside or repr(channel.label) in whole[0]
+    assert edited.asked == (start, stop) and edited.rounded == bool(edited.rounded and whole)
+    before = {packet.data for packet in packets_of(file)}
+    new = [packet for packet in packets_of(part) if packet.data not in before]
+    assert len(new) <= 2 * len(tracks_of(part))
+
+
+@given(names, st.data())
+def test_exact_parts_are_the_whole_again(name: str, data: st.DataObject) -> None:
+    file = made(name, events=EVENTS)
+    cuts = data.draw(st.lists(times.filter(bool), min_size=1, max_size=5, unique=True).map(sorted))
+    with TemporaryDirectory() as room:
+        parts = edit.split(file, f"{room}/{{}}.hapf", at=cuts, exact=True)
+        files = [Path(part.file).read_bytes() for part in parts]
+    for part, content in zip(parts, files, strict=True):
+        assert_intact(content)
+        assert part.rounded == (part.rounded and any(UNCUT in note for note in part.notes))
+    out = io.BytesIO()
+    edit.concat(files, out)
+    assert_intact(out.getvalue())
+    assert_same(hapfmt.read(out.getvalue()), hapfmt.read(file))
+    assert hapfmt.read(out.getvalue()).events == hapfmt.read(file).events
+
+
+def test_what_an_exact_cut_can_take() -> None:
+    """Each codec of a lossless file, with linear rules and states, at every sample of a packet."""
+    g = np.random.default_rng(3)
+    x = np.cumsum(g.normal(size=(2, 60)), axis=1)
+    channels = [
+        *(hapfmt.Channel(row, 100, label=f"x{n}") for n, row in enumerate([*x, 2 * x[0] + x[1]])),
+        hapfmt.Channel(np.full(60, 7), 100, label="constant", calibration=hapfmt.Calibration()),
+        hapfmt.Channel(g.integers(0, 99, 60), 100, label="n", calibration=hapfmt.Calibration()),
+        hapfmt.Channel(g.integers(0, 1 << 63, 60).astype(np.uint64), 100, label="words"),
+    ]
+    file = write(hapfmt.Recording(channels), preset="lossless")
+    whole = hapfmt.read(file)
+    for start in range(60):
+        for stop in {start + 1, (start + 61) // 2, 60} - {start}:
+            part, edited = subset(file, None, Fraction(start, 100), Fraction(stop, 100), exact=True)
+            assert_intact(part)
+            assert not edited.rounded and [note[:7] for note in edited.notes] == ["digests"]
+            assert edited.made == (Fraction(start, 100), Fraction(stop, 100))
+            for mine, theirs in zip(hapfmt.read(part).channels, whole.channels, strict=True):
+                assert_same_channel(mine, theirs.slice_ticks(start, stop))
+
+
+def test_events_at_an_exact_cut() -> None:
+    """They belong where they begin."""
+    file = made("lossless", events=EVENTS)
+    part, _ = subset(file, None, Fraction(1, 2), 1, exact=True)
+    assert [event.text for event in hapfmt.read(part).events] == ["half"]
+
+
+def test_what_was_asked_for_what_was_made_and_what_is_missing() -> None:
+    """On the time line of the original, as fields and as notes."""
+    file = made("lossless")
+    for to_zero in (False, True):
+        part, edited = subset(file, None, Fraction(6, 5), 2, to_zero=to_zero)
+        assert edited.asked == (Fraction(6, 5), 2) and edited.made == (1, 2)
+        assert (
+            edited.rounded
+            and "packets are kept whole; exact=True cuts at the sample" in edited.notes
+        )
+        zero = to_zero * 1
+        assert edited.missing == [(("a", "b", "c"), Fraction(3, 2) - zero, Fraction(77, 50) - zero)]
+        told = edited.as_json()
+        assert (told["asked"], told["made"]) == ([1.2, 2.0], [1.0, 2.0])
+        assert told["missing"] == [
+            {"channels": ["a", "b", "c"], "start": 1.5 - zero, "stop": 1.54 - zero}
+        ]
+        assert hapfmt.read(part).channels[0].gaps != ()
+    _, edited = subset(file, None, 3, 9)
+    assert edited.missing[-1][1:] == (Fraction(76, 25), 9)
+    _, edited = subset(file, "b", 1, Fraction(3, 2))
+    assert (
+        not edited.rounded
+        and edited.missing == []
+        and edited.notes == ["digests of 1 track left out: they are of other packets, or times"]
+    )
+    with pytest.raises(hapfmt.ParameterError, match="exact=True requires start or stop"):
+        subset(file, exact=True)
 
 
 def restricted(channel: hapfmt.Channel, to: hapfmt.Channel) -> hapfmt.Channel:

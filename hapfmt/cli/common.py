@@ -744,6 +744,12 @@ canonical_option = click.option(
     metavar="FILE_ID",
     help="The same input gives the same bytes; FILE_ID replaces the random file id.",
 )
+exact_option = click.option(
+    "--exact",
+    is_flag=True,
+    help="Cut at the sample: code the packets at the ends again, without loss. Those of textures "
+    "and lines stay whole.",
+)
 to_zero_option = click.option(
     "--to-zero",
     is_flag=True,
@@ -790,6 +796,9 @@ def line(edited: Edited) -> str:
     span = "no samples"
     if edited.start is not None and edited.stop is not None:
         span = f"{float(edited.start):.6g} s to {float(edited.stop):.6g} s"
+    if edited.asked and edited.rounded:
+        start, stop = ("" if end is None else f"{float(end):.6g}{JOINED}s" for end in edited.asked)
+        span += f" (asked for {start or 'the start'} to {stop or 'the end'})"
     return (
         f"{edited.file_size} bytes, {counted(len(edited.channels), 'channel')}, {span}, "
         f"{counted(edited.packet_count, 'packet')}"

@@ -95,6 +95,8 @@ IN_OPTIONS = {
     "(clock='frame_index')": "(--clock frame_index)",
     "(clock='timestamp')": "(--clock timestamp)",
     "such as rate=1000": "such as --rate 1000",
+    "exact=True cuts": "--exact cuts",
+    "exact=True requires start or stop": "--exact requires --start or --stop",
     "on_bad_line='gap'": "--on-bad-line gap",
     "leave out on_bad_line": "leave out --on-bad-line",
     ": add lsb=": ": add --lsb",

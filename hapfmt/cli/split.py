@@ -12,6 +12,7 @@ from .common import (
     FractionType,
     canonical_option,
     echo_json,
+    exact_option,
     force_option,
     fraction,
     json_option,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Name of the parts; {} is replaced by the number.",
 )
+@exact_option
 @to_zero_option
 @canonical_option
 @memory_option
@@ -50,6 +52,7 @@ def split(
     every: Fraction | None,
     at: str | None,
     output: str,
+    exact: bool,
     to_zero: bool,
     canonical: int | None,
     force: bool,
@@ -58,8 +61,8 @@ def split(
 ) -> int:
     """Cut the .hapf file IN into parts. Packets are copied bit for bit.
 
-    A packet is kept whole, in the part in which it begins. Every part has all channels, metadata
-    and attachments. Parts keep their times, so concat joins them again.
+    A packet is kept whole, in the part in which it begins; --exact cuts at the sample. Every part
+    has all channels, metadata and attachments. Parts keep their times, so concat joins them again.
 
     \b
     hapfmt split long.hapf --every 600 --output 'part-{:03d}.hapf'
@@ -73,8 +76,8 @@ def split(
     times = [fraction(text) for text in at.split(",")] if at else []
     with originals([source], max_memory) as (original,), progress("copying") as advance:
         parts = edit.split(
-            original, output, every=every, at=times, to_zero=to_zero, canonical=canonical,
-            force=force, progress=advance,
+            original, output, every=every, at=times, exact=exact, to_zero=to_zero,
+            canonical=canonical, force=force, progress=advance,
         )  # fmt: skip
     if as_json:
         echo_json({"parts": [part.as_json() for part in parts]})

@@ -9,6 +9,7 @@ import click
 
 from .common import (
     canonical_option,
+    exact_option,
     force_option,
     input_of,
     json_option,
@@ -26,7 +27,6 @@ from .common import (
 from .screen import Verb
 
 if TYPE_CHECKING:
-    from ..edit import Edited
     from ..limits import Limits
     from ..reading.reader import Band
 
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Keep all, the slow part, or the texture of each channel.",
 )
+@exact_option
 @to_zero_option
 @click.option("--level", type=click.Choice(["1", "2"]), help="Lowest level of OUT. [level of IN]")
 @canonical_option
@@ -61,6 +62,7 @@ def subset(
     start: Fraction | None,
     stop: Fraction | None,
     band: str,
+    exact: bool,
     to_zero: bool,
     level: str | None,
     canonical: int | None,
@@ -71,7 +73,7 @@ def subset(
     """Write a part of the .hapf file IN into the .hapf file OUT. Packets are copied bit for bit.
 
     A packet that overlaps the time range is kept whole. So OUT may begin earlier and end later than
-    you asked; the output prints its times. The samples keep their times.
+    you asked; the output prints both. --exact cuts at the sample. The samples keep their times.
 
     \b
     hapfmt subset long.hapf part.hapf --channels force_z --start 10 --stop 20
@@ -86,26 +88,8 @@ def subset(
     with opened as original, progress("copying") as advance:
         edited = edit.subset(
             original, output_of(target), parse_channels(channels, list(original.labels.values())),
-            start, stop, band=cast("Band", band), to_zero=to_zero,
+            start, stop, band=cast("Band", band), exact=exact, to_zero=to_zero,
             level=int(level) if level else None, canonical=canonical, force=force, progress=advance,
         )  # fmt: skip
-    more = note_of_ends(edited, start, stop) if not to_zero else None
-    if more:
-        edited.notes.append(more)
     tell(edited, target, as_json)
     return 0
-
-
-def note_of_ends(edited: Edited, start: Fraction | None, stop: Fraction | None) -> str | None:
-    """A note if packets reach beyond the requested times."""
-    if edited.start is None or edited.stop is None:
-        return None
-    early = start is not None and edited.start < start
-    late = stop is not None and edited.stop > stop
-    if not early and not late:
-        return None
-    return (
-        f"packets are kept whole: the part is {float(edited.start):.6g} s to "
-        f"{float(edited.stop):.6g} s. For an exact cut, use hapfmt decode --start --stop and "
-        "hapfmt encode, or encode with a shorter --cluster"
-    )

@@ -46,6 +46,7 @@ from .making import (
     lay_out,
     level_for,
     name_of,
+    note_missing,
     open_original,
     opened,
     refuse_output,
@@ -142,6 +143,9 @@ class Joining:
                     raise ParameterError("more channels than a file can have, 65 535")
             numbers[number] = place
             self.labels.setdefault(place, label)
+        for place in sorted(set(self.labels) - set(numbers.values())):
+            lacking = f"channel {self.labels[place] or place}"
+            self.notes.append(f"{lacking} is not in {original.name}: it has a gap there")
         return numbers
 
     def moved(self, track: Track, numbers: dict[int, int], original: Original) -> Track:
@@ -432,7 +436,9 @@ def concat(
                 making.describe(original, joining.plan(number, only_new=True))
             making.metadata(metadata)
             copy_all(making, originals, joining, known, wait or Fraction(0), progress)
-            return making.close()
+            edited = making.close()
+            note_missing(edited)
+            return edited
 
 
 def known_offsets(

@@ -18,7 +18,7 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from math import gcd, lcm
+from math import ceil, gcd, lcm
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -381,7 +381,9 @@ class Edited:
     """The result of an edit; ``notes`` list omissions and changes.
 
     ``start`` and ``stop``: the kept packets are within these seconds of the new time line; None if
-    there are none.
+    there are none. ``asked`` and ``made``: the seconds that were asked for, None for an open end,
+    and those of the kept packets, both on the time line of the original. ``missing``: stretches
+    within them, on the new time line, for which a channel has no samples.
     """
 
     file: str | None = None
@@ -396,16 +398,39 @@ class Edited:
     stop: Fraction | None = None
     offsets: list[Fraction] = field(default_factory=list)
     """Where the zeros of several files lie, in seconds."""
+    asked: tuple[Fraction | None, Fraction | None] | None = None
+    made: tuple[Fraction, Fraction] | None = None
+    rounded: bool = False
+    """Whether packets reach beyond what was asked for by a sample or more."""
+    missing: list[Stretch] = field(default_factory=list)
     channels: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
         return {
             **vars(self),
-            "start": None if self.start is None else float(self.start),
-            "stop": None if self.stop is None else float(self.stop),
+            "start": seconds_of(self.start),
+            "stop": seconds_of(self.stop),
             "offsets": [float(offset) for offset in self.offsets],
+            "asked": self.asked and [seconds_of(end) for end in self.asked],
+            "made": self.made and [seconds_of(end) for end in self.made],
+            "missing": [
+                {"channels": list(channels), "start": float(start), "stop": float(stop)}
+                for channels, start, stop in self.missing
+            ],
         }
+
+
+class Stretch(NamedTuple):
+    """Seconds from ``start`` to before ``stop``, and the labels of the channels that lack them."""
+
+    channels: tuple[str, ...]
+    start: Fraction
+    stop: Fraction
+
+
+def seconds_of(time: Fraction | None) -> float | None:
+    return None if time is None else float(time)
 
 
 class Making:
@@ -441,6 +466,10 @@ class Making:
         self.maps_to_drop: Container[bytes] = ()
         """Payloads of clock maps that hold only for some of their tracks."""
         self.lost_events = 0
+        self.asked: tuple[Fraction | None, Fraction | None] = (None, None)
+        """The seconds that the file shall have; None: any."""
+        self.gaps: dict[int, list[tuple[int, int]]] = {}
+        """By the first channel of a track: ticks without samples; the first entry has no start."""
 
     def note(self, text: str) -> None:
         if text not in self.edited.notes:
@@ -502,11 +531,11 @@ class Making:
         start: Seconds | None = None,
         stop: Seconds | None = None,
         *,
-        pick: Callable[[Packet], bool] | None = None,
+        pick: Callable[[Packet], Packet | None] | None = None,
         progress: Advance | None = None,
     ) -> Iterator[list[Packet]]:
-        """Packets of one DATA chunk after the other, those of the plan that ``pick`` takes, moved
-        to their place."""
+        """Packets of one DATA chunk after the other, those of the plan, or what ``pick`` takes of
+        them, moved to their place."""
         renumber = plan.numbers != {number: number for number in original.labels}
         partial = self.partial.setdefault(original, set())
         last = self.last.setdefault(original, {})
@@ -518,12 +547,14 @@ class Making:
                 place = plan.places.get(packet.track)
                 if place is None:
                     continue
-                if pick and not pick(packet):
+                taken = pick(packet) if pick else packet
+                if taken is not packet:
                     partial.add(packet.track)
+                if taken is None:
                     continue
                 last[packet.track] = packet.offset
                 numbers = plan.numbers if renumber and place.track.kind == "events" else None
-                moved = self.moved(packet, place, numbers)
+                moved = self.moved(taken, place, numbers)
                 if moved is not None:
                     batch.append(moved)
             if batch:
@@ -584,7 +615,30 @@ class Making:
                 f"channel {track.first_channel}: two packets overlap at {at:.6g} s; give the files "
                 "in order of time, and only parts that do not overlap (split makes such)"
             )
+        if track.kind != "hf" and packet.start > self.stops.get(line, -1):
+            gap = self.stops.get(line, -1), packet.start
+            self.gaps.setdefault(track.first_channel, []).append(gap)
         self.stops[line] = packet.stop
+
+    def compare(self) -> None:
+        """Compare what was written with what was asked for."""
+        missing: dict[tuple[Fraction, Fraction], list[str]] = {}
+        for track in self.out.tracks.values():
+            if track.first_channel not in self.gaps or not has_channels(track):
+                continue
+            (_, begun), *gaps = self.gaps.pop(track.first_channel)
+            ended, rate = self.stops[track.first_channel, False], track.rate
+            start, stop = self.asked
+            first = begun if start is None else ceil(start * rate)
+            last = ended if stop is None else ceil(stop * rate)
+            self.edited.rounded |= begun < first or ended > last
+            for low, high in [(first, begun), *gaps, (ended, last)]:
+                if low < high:
+                    labels = missing.setdefault((low / rate, high / rate), [])
+                    labels += [component.label for component in track.components]
+        self.edited.missing = [
+            Stretch(tuple(labels), start, stop) for (start, stop), labels in sorted(missing.items())
+        ]
 
     def digests(self, original: Original, plan: EditPlan) -> None:
         """Those that still hold: of tracks whose packets all came over, at their own time."""
@@ -620,7 +674,25 @@ class Making:
                 for number, component in zip(track.channels, track.components, strict=True):
                     found.setdefault(number, {"channel": number, "label": component.label})
         edited.channels = [found[number] for number in sorted(found)]
+        self.compare()
         return edited
+
+
+SHOWN = 3
+"""Missing stretches that a note names."""
+
+
+def note_missing(edited: Edited) -> None:
+    """A note on the stretches without samples, where they are not just those of one original."""
+    shown = []
+    for labels, start, stop in edited.missing[:SHOWN]:
+        named = ", ".join(map(repr, labels))
+        named = named if len(labels) < len(edited.channels) else "all channels"
+        shown.append(f"{float(start):.6g} s to {float(stop):.6g} s of {named}")
+    if len(edited.missing) > SHOWN:
+        shown.append(f"{len(edited.missing) - SHOWN} more")
+    if shown:
+        edited.notes.append(f"missing: {'; '.join(shown)}")
 
 
 def refuse_output(file: Output, force: bool) -> None:

@@ -1,6 +1,7 @@
 """Takes some channels, a time range or one band of a file; packets are copied bit for bit.
 
 It also splits one file into consecutive parts; each packet lies in the part in which it begins.
+Where a cut at the sample is asked for, the packets at its ends are coded again.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import string
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
+from itertools import chain
 from typing import NamedTuple
 
 from ..errors import ParameterError, channels_called
@@ -16,12 +18,14 @@ from ..format.extras import build_metadata
 from ..format.track import Track, minor_of
 from ..format.wire import FILE_ID_LIMIT, check_file_id
 from ..limits import LEVELS
-from ..numbers import exact
+from ..numbers import exact as fraction
 from ..reading.packets import Seconds, tick_range
 from ..reading.reader import BANDS, Band
+from .cutting import Cutter
 from .making import (
     Advance,
     Edited,
+    EditPlan,
     Input,
     Making,
     Original,
@@ -29,9 +33,11 @@ from .making import (
     another,
     common_period,
     has_channels,
+    labels_of,
     lay_out,
     level_for,
     name_of,
+    note_missing,
     open_original,
     opened,
     refuse_output,
@@ -42,11 +48,12 @@ from .making import (
 
 
 class Window(NamedTuple):
-    """Seconds to look at, and which packets are taken there; None: all."""
+    """Seconds to look at, and what is taken of each packet there; None: all."""
 
     start: Seconds | None = None
     stop: Seconds | None = None
-    pick: Callable[[Packet], bool] | None = None
+    pick: Callable[[Packet], Packet | None] | None = None
+    cutter: Cutter | None = None
 
 
 def subset(
@@ -57,6 +64,7 @@ def subset(
     stop: Seconds | None = None,
     *,
     band: Band = "full",
+    exact: bool = False,
     to_zero: bool = False,
     level: int | None = None,
     canonical: int | None = None,
@@ -66,32 +74,37 @@ def subset(
     """Write the channels, seconds [start, stop) and band that are asked for into ``out``.
 
     Nothing is decoded. Packets that overlap the seconds are kept whole, so the result may hold a
-    little more. All channels that share a track with a requested one come along too. Channels are
-    numbered from 0 on. Ticks, epoch and UUID stay as they are, since the samples keep their time.
-    ``to_zero`` moves the first packet to tick 0, and the epoch with it. The move is a whole number
-    of ticks of every track, so the packet may begin near tick 0 instead. ``band``: "lf" makes a
-    channel of each slow part (where some channels were split, the others are kept whole, with a
-    note), "hf" of each residual. ``level`` 2 raises the limits of the file.
+    little more: it says what was asked for, what was made, and what is missing. ``exact`` cuts at
+    the sample: the packets at the ends are coded again, without loss. Where that is impossible
+    (textures, and lines between knots), they are kept whole, with a note. All channels that
+    share a track with a requested one come along too. Channels are numbered from 0 on. Ticks,
+    epoch and UUID stay as they are, since the samples keep their time. ``to_zero`` moves the
+    first packet to tick 0, and the epoch with it. The move is a whole number of ticks of every
+    track, so the packet may begin near tick 0 instead. ``band``: "lf" makes a channel of each
+    slow part (where some channels were split, the others are kept whole, with a note), "hf" of
+    each residual. ``level`` 2 raises the limits of the file.
 
     Raises ChecksumError or TruncatedError, with exit code 3, where the file is damaged or was not
     closed. Raises ParameterError where no channel would be left or ``start`` is behind the end.
     """
     check_file_id(canonical)
     refuse_output(out, force)
+    if exact and start is None and stop is None:
+        raise ParameterError("exact=True requires start or stop")
     if band not in BANDS:
         raise ParameterError(f"band is one of {', '.join(BANDS)}")
     if level not in (None, *LEVELS):
         raise ParameterError("level must be 1 or 2")
     with open_original(file, scan=start is None and stop is None) as original:
         end = original.catalogue.duration
-        if start is not None and exact(start) >= end > 0:
+        if start is not None and fraction(start) >= end > 0:
             raise ParameterError(
                 f"No samples in this time range; the recording ends at {float(end):g} s",
                 path=original.source.path,
             )
         notes: list[str] = []
         kept = choose(original, channels, band, notes)
-        window = overlapping(original, start, stop)
+        window = overlapping(original, start, stop, cutter_of(original, kept, exact=exact))
         text = said(original, kept, start, stop, band)
         return write_part(
             original, out, kept, window, text, notes,
@@ -150,27 +163,37 @@ def choose(
     return {id_: kept[id_] for id_ in tracks if id_ in kept}
 
 
-def overlapping(original: Original, start: Seconds | None, stop: Seconds | None) -> Window:
-    """Packets that overlap these seconds."""
+def cutter_of(original: Original, kept: Mapping[int, Track], *, exact: bool) -> Cutter | None:
+    return Cutter(kept, original.catalogue.level) if exact else None
+
+
+def overlapping(
+    original: Original, start: Seconds | None, stop: Seconds | None, cutter: Cutter | None
+) -> Window:
+    """Packets that overlap these seconds, or what a cutter makes of them."""
     if start is None and stop is None:
         return Window()
     ranges = {t.id: tick_range(t.rate, start, stop) for t in original.tracks.values()}
 
-    def pick(packet: Packet) -> bool:
+    def pick(packet: Packet) -> Packet | None:
         first, last = ranges[packet.track]
-        return packet.start < last and packet.stop > first
+        if packet.start >= last or packet.stop <= first:
+            return None
+        if cutter is None:
+            return packet
+        if original.tracks[packet.track].kind == "events":
+            return cutter.events(packet, first, last)
+        return cutter.cut(packet, first, last) or packet
 
-    return Window(start, stop, pick)
+    return Window(start, stop, pick, cutter)
 
 
 def first_time(original: Original, kept: Mapping[int, Track], window: Window) -> Fraction:
     """Where the first packet begins, in seconds; 0 where there is none."""
-    starts = [
-        packet.start / kept[packet.track].rate
-        for packets in original.clusters(window.start, window.stop)
-        for packet in packets
-        if packet.track in kept and (window.pick is None or window.pick(packet))
-    ]
+    packets = chain.from_iterable(original.clusters(window.start, window.stop))
+    chosen = (packet for packet in packets if packet.track in kept)
+    taken = filter(None, map(window.pick, chosen) if window.pick else chosen)
+    starts = (packet.start / kept[packet.track].rate for packet in taken)
     return min(starts, default=Fraction(0))
 
 
@@ -199,11 +222,13 @@ def write_part(
     described = [place.track for place in plan.places.values()]
     asked = [LEVELS[level]] if level else []
     limits = level_for(described, LEVELS[head.level], *asked, largest=len(build_metadata(metadata)))
+    ends = [None if end is None else fraction(end) - shift for end in window[:2]]
     with opened(out, force) as stream:
         making = Making(
             stream, head, level=limits, minor=minor_of(described), canonical=canonical,
             name=name_of(out),
         )  # fmt: skip
+        making.asked = ends[0], ends[1]
         for note in notes:
             making.note(note)
         making.describe(original, plan)
@@ -215,7 +240,30 @@ def write_part(
             making.put(packets)
         making.others(original, plan, behind=True)
         making.digests(original, plan)
-        return making.close()
+        edited = making.close()
+        if window.start is not None or window.stop is not None:
+            account(edited, making, window, plan)
+        return edited
+
+
+REMEDY = "packets are kept whole; exact=True cuts at the sample"
+
+
+def account(edited: Edited, making: Making, window: Window, plan: EditPlan) -> None:
+    """Say what was asked for and what was made, on the time line of the original."""
+    note_missing(edited)
+    edited.asked = (
+        None if window.start is None else fraction(window.start),
+        None if window.stop is None else fraction(window.stop),
+    )
+    if edited.start is not None and edited.stop is not None:
+        edited.made = (edited.start - plan.shift, edited.stop - plan.shift)
+    if edited.rounded and window.cutter is None:
+        making.note(REMEDY)
+    if window.cutter and window.cutter.unable:
+        tracks = (place.track for id_, place in plan.places.items() if id_ in window.cutter.unable)
+        named = ", ".join(map(repr, labels_of({track.id: track for track in tracks}).values()))
+        making.note(f"{named}: packets are kept whole, since they cannot be cut without a loss")
 
 
 def said(
@@ -253,6 +301,7 @@ def split(
     *,
     every: Seconds | None = None,
     at: Sequence[Seconds] = (),
+    exact: bool = False,
     to_zero: bool = False,
     canonical: int | None = None,
     force: bool = False,
@@ -260,7 +309,8 @@ def split(
 ) -> list[Edited]:
     """Cut a file at each multiple of ``every`` seconds, or at the times ``at``.
 
-    A packet is kept whole, in the part in which it begins. Every part has all channels, the
+    A packet is kept whole, in the part in which it begins; ``exact`` cuts at the sample, as for
+    :func:`subset`. Every part has all channels, the
     metadata and the attachments. Ticks, epoch and UUID stay as they are, so that :func:`concat`
     puts the parts together again; ``to_zero`` as for :func:`subset`. Parts without a packet are
     left out. ``out`` is the name of a part with a place for its number, from 0 on. Each part
@@ -271,43 +321,58 @@ def split(
     check_file_id(canonical)
     if (every is None) == (not at):
         raise ParameterError("give either every or at")
-    step = None if every is None else exact(every)
-    times = [exact(time) for time in at]
+    step = None if every is None else fraction(every)
+    times = [fraction(time) for time in at]
     if (step is not None and step <= 0) or times != sorted({t for t in times if t > 0}):
         raise ParameterError("times to split at are above 0 and rising")
     with open_original(file) as original:
-        cuts = cuts_of(original, step, times)
+        cuts = cuts_of(original, step, times, exact=exact)
         names = names_of(out, len(cuts))
         for name in names:
             refuse_output(name, force)
         notes: list[str] = []
         kept = choose(original, None, "full", notes)
         parts = []
+        before: Fraction | None = None
         for number, (name, (start, stop)) in enumerate(zip(names, cuts, strict=True)):
+            between = f"no part of {float(before or 0):.6g} s to {float(start):.6g} s: no samples"
+            window = beginning(original, start, stop, cutter_of(original, kept, exact=exact))
+            # The ends of the recording were not asked for.
+            window = window._replace(
+                start=start if number else None, stop=stop if number < len(cuts) - 1 else None
+            )
             parts.append(
                 write_part(
-                    original, name, kept, beginning(original, start, stop),
+                    original, name, kept, window,
                     f"part {number} of {title(original)}: {float(start)} s to "
                     f"{'the end' if stop is None else f'{float(stop)} s'}",
-                    notes, to_zero=to_zero, force=force,
+                    [*notes, between] if number and start != before else notes,
+                    to_zero=to_zero, force=force,
                     canonical=None if canonical is None else (canonical + number) % FILE_ID_LIMIT,
                 )
             )  # fmt: skip
+            before = stop
             if progress:
                 progress(number + 1, len(names))
         return parts
 
 
 def cuts_of(
-    original: Original, step: Fraction | None, times: Sequence[Fraction]
+    original: Original, step: Fraction | None, times: Sequence[Fraction], *, exact: bool
 ) -> list[tuple[Fraction, Fraction | None]]:
-    """Start and stop, in seconds, of the parts that hold packets; one of everything where there
-    are none."""
-    found = set()
+    """Start and stop, in seconds, of the parts that hold packets, or samples where cuts are exact;
+    one of everything where there are none."""
+
+    def part_at(tick: int, rate: Fraction) -> int:
+        at = tick / rate
+        return int(at // step) if step else sum(time <= at for time in times)
+
+    found = set[int]()
     for packets in original.clusters():
         for packet in packets:
-            at = packet.start / original.tracks[packet.track].rate
-            found.add(at // step if step else sum(time <= at for time in times))
+            rate = original.tracks[packet.track].rate
+            last = packet.stop - 1 if exact else packet.start
+            found.update(range(part_at(packet.start, rate), part_at(last, rate) + 1))
             if len(found) > PARTS_LIMIT:
                 raise ParameterError(f"more than {PARTS_LIMIT} parts: take longer ones")
     if not found:
@@ -321,14 +386,23 @@ def cuts_of(
     ]
 
 
-def beginning(original: Original, start: Fraction, stop: Fraction | None) -> Window:
-    """Packets that begin within these seconds."""
+def beginning(
+    original: Original, start: Fraction, stop: Fraction | None, cutter: Cutter | None
+) -> Window:
+    """Packets that begin within these seconds, or what a cutter makes of those that overlap."""
+    ranges = {t.id: tick_range(t.rate, start, stop) for t in original.tracks.values()}
 
-    def pick(packet: Packet) -> bool:
-        at = packet.start / original.tracks[packet.track].rate
-        return start <= at and (stop is None or at < stop)
+    def pick(packet: Packet) -> Packet | None:
+        first, last = ranges[packet.track]
+        if cutter and packet.start < last and packet.stop > first:
+            if original.tracks[packet.track].kind == "events":
+                return cutter.events(packet, first, last)
+            made = cutter.cut(packet, first, last)
+            if made:
+                return made
+        return packet if first <= packet.start < last else None
 
-    return Window(start, stop, pick)
+    return Window(start, stop, pick, cutter)
 
 
 def names_of(template: str, count: int) -> list[str]:
