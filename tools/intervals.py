@@ -1,4 +1,4 @@
-"""How often intervals of 95 % hold the true mean: Student's t of hapfmt, and a percentile bootstrap.
+"""How often intervals of 95 % hold the true mean: Student's t, and a percentile bootstrap.
 
 python tools/intervals.py [--write]       simulated ratings from 0 to 100
 """
