@@ -18,8 +18,8 @@ from spec import ROOT
 
 sys.path.insert(0, str(ROOT / "tools"))
 
-from report import run as report
 from report import codec_figures, codecs, subjects, trials
+from report import run as report
 from report.codecs import front
 from report.page import Part, divided, page, shown
 from report.section import CannotRunError, Figure, Options, Section, Table, spread, timed
