@@ -47,7 +47,7 @@ ZOOM = f"""async ([turns, delta]) => {{
 }}"""
 
 
-def renderer_bytes(browser: Browser) -> int:
+def renderer_bytes(browser: Any) -> int:
     """Resident memory of the largest process that draws pages: its heap, arrays and code."""
     told = browser.new_browser_cdp_session().send("SystemInfo.getProcessInfo")
     sizes = []
