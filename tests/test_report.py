@@ -18,8 +18,8 @@ from spec import ROOT
 
 sys.path.insert(0, str(ROOT / "tools"))
 
+from report import codec_figures, codecs, subjects, trials
 from report import run as report
-from report import subjects, trials
 from report.codecs import front
 from report.page import Part, divided, page, shown
 from report.section import CannotRunError, Figure, Options, Section, Table, spread, timed
@@ -253,3 +253,27 @@ def test_pictures_of_stability() -> None:
     panels = Canvas().subplots(2, 2)
     draw(panels)
     assert all(panel.lines and panel.get_title() for panel in panels.flat)
+
+
+def test_perceptual_measures_a_texture_where_no_unit_is_known() -> None:
+    """It once measured near-lossless there, and nothing on channels without a texture."""
+    settings = [each for each in trials.settings(True) if each.family == "perceptual"]
+    noise = np.random.default_rng(4).normal(size=4000)
+
+    def tried(x: np.ndarray, rate: int) -> list[trials.Trial | None]:
+        recording = hapfmt.Recording((hapfmt.Channel.from_physical(x, rate),))
+        subject = subjects.Subject("x", False, recording, None)
+        return [trials.try_ours(subject, each, 1) for each in settings]
+
+    default, alone = tried(2 + noise, 1000)
+    assert default and 19 < default.snr_hf_db < 22 and default.setting == ""
+    assert alone and alone.snr_hf_db < default.snr_hf_db - 2
+    quiet = trials.Setting("perceptual", "10 dB", "", hapfmt.Settings.of("perceptual", snr=10))
+    settings[:] = [quiet]
+    assert tried(noise, 30) == [None]
+    summary = codecs.summary_rows([default])
+    assert len(summary[0]) == len(codecs.SUMMARY)
+    errors = {name: summary[0][place] for place, name in enumerate(codecs.SUMMARY)}
+    assert errors["largest error, % of range: largest"] > errors["rms error, % of range: median"]
+    figures = codec_figures.pictures([default._replace(family="lossless"), default])
+    assert all(">default<" in figure.svg for figure in figures[:3])

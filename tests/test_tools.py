@@ -32,6 +32,12 @@ def scripts() -> list[Path]:
     ]
 
 
+def entry(path: Path) -> str:
+    """The program that a path names, a file or a folder; empty where it is none."""
+    main = path / "__main__.py" if path.is_dir() else path
+    return main.read_text("utf-8") if main.suffix == ".py" and main.exists() else ""
+
+
 @pytest.fixture
 def clone(tmp_path):
     """A clone without compiled loops, in which nothing was installed in place."""
@@ -119,6 +125,19 @@ def test_every_tool_chooses_its_hapfmt_first(path):
         name for _, name in sorted(names) if name.partition(".")[0] not in sys.stdlib_module_names
     )
     assert first == "installed"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in (ROOT / "tools").glob("*") if "__main__" in entry(path)],
+    ids=lambda path: path.name,
+)
+def test_help_says_what_a_program_does_and_does_nothing(path, tmp_path):
+    """manpages.py once wrote its pages into a folder that it called --help."""
+    done = run(str(path), "--help", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "usage" in done.stdout.lower() or f"python tools/{path.name}" in done.stdout
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_page_lists_every_program():

@@ -8,6 +8,7 @@ HAPFMT_PURE=1 measures the readable Python loops on purpose.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import subprocess
@@ -104,4 +105,5 @@ if "hapfmt" not in sys.modules:  # a test that measures has chosen its hapfmt al
     require_loops()
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0]).parse_args()
     print(describe())

@@ -5,6 +5,7 @@ The date on the pages is today, or that of SOURCE_DATE_EPOCH.
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import sys
@@ -108,9 +109,9 @@ def pages(command: click.Command, context: click.Context) -> Iterator[tuple[str,
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("usage: python tools/manpages.py FOLDER")
-    folder = Path(sys.argv[1])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("folder", metavar="FOLDER", type=Path)
+    folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
     found = dict(pages(cli, click.Context(cli, info_name="hapfmt", help_option_names=HELP)))
     for name, text in found.items():

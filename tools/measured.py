@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import platform
 import re
+import subprocess
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -61,9 +62,12 @@ def write_rows(name: str, rows: Sequence[Sequence[object]]) -> None:
     """Put rows into the table of that name, in the page that has it."""
     lines = "".join("| " + " | ".join(map(str, row)) + " |\n" for row in rows)
 
+    git = ["git", "-C", str(ROOT), "status", "--porcelain", "hapfmt", "tools"]
+    changed = subprocess.run(git, capture_output=True, text=True, check=False).stdout
+    on = f"{commit(ROOT).rstrip('+')}{'+' * bool(changed)} on {machine()}"
+
     def renewed(found: re.Match[str]) -> str:
         assert {len(row) for row in rows} == {found[5].split("\n")[0].count("|") - 1}, name
-        on = f"{commit(ROOT)} on {machine()}"
         return f"<!-- {name}: {found[2]} at {on} -->\n\n{found[5]}{lines}"
 
     texts = {page: page.read_text("utf-8") for page in PAGES}

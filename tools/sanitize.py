@@ -90,6 +90,9 @@ def runtimes() -> str:
 
 def main() -> int:
     """Once as it is built, once with the loops that every processor has."""
+    if sys.argv[1:] in (["--help"], ["-h"]):
+        print(__doc__)
+        return 0
     return run([], TESTS) or run(["-DHAPFMT_PLAIN"], PLAIN_TESTS)
 
 

@@ -6,6 +6,7 @@ python tools/spec_tables.py --write  put them into the pages, between their mark
 
 from __future__ import annotations
 
+import argparse
 import re
 import sys
 from pathlib import Path
@@ -40,7 +41,9 @@ def render(text: str) -> str:
 
 
 def main() -> None:
-    if sys.argv[1:] == ["--write"]:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--write", action="store_true", help="put the tables into SPEC.md")
+    if parser.parse_args().write:
         for page in PAGES:
             page.write_text(render(page.read_text(encoding="utf-8")), encoding="utf-8")
         return

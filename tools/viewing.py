@@ -20,7 +20,6 @@ import installed  # noqa: F401
 import numpy as np
 import overview
 from measured import print_origin, print_table
-from playwright.sync_api import Browser, sync_playwright
 
 import hapfmt
 from hapfmt.viewer.server import ServedFile, ViewServer
@@ -48,7 +47,7 @@ ZOOM = f"""async ([turns, delta]) => {{
 }}"""
 
 
-def renderer_bytes(browser: Browser) -> int:
+def renderer_bytes(browser: Any) -> int:
     """Resident memory of the largest process that draws pages: its heap, arrays and code."""
     told = browser.new_browser_cdp_session().send("SystemInfo.getProcessInfo")
     sizes = []
@@ -71,7 +70,7 @@ def settle(page: Any) -> None:
         quiet = quiet + 1 if page.evaluate("window.hapf.idle") else 0
 
 
-def measure(browser: Browser, path: Path) -> list[str]:
+def measure(browser: Any, path: Path) -> list[str]:
     with ServedFile(str(path), path.name) as file, ViewServer([file]) as server:
         page = browser.new_page(viewport=WINDOW)
         page.goto(server.url)
@@ -107,6 +106,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seconds", type=int, default=3600)
     given = parser.parse_args()
+    from playwright.sync_api import sync_playwright
+
     print_origin()
     recording = overview.make(given.seconds)
     with tempfile.TemporaryDirectory() as room, sync_playwright() as playwright:

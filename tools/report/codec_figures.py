@@ -27,7 +27,8 @@ COLUMNS = 4
 def pictures(found: Sequence[Trial]) -> list[Figure]:
     figures = [
         summary(found, "Error against size", "size relative to lossless", size_of(found),
-                "Each mark is one setting: the geometric mean over all recordings and scenes. "
+                "Each mark is one setting: the geometric mean over all recordings and scenes of "
+                "the rms error of the median channel. "
                 "Lower left is better. The thin line joins the settings that no other one beats in "
                 "both size and error. A bar spans the middle half of the recordings. Errors below "
                 f"{LEAST} % of the range are drawn at 'none'."),
@@ -96,11 +97,11 @@ def summary(
             if quarter:
                 axes.plot([known[quarter], known[-1 - quarter]], [y] * 2, "-", marker="",
                           color=colour(trial), alpha=0.3, linewidth=1)  # fmt: skip
-        label_points(axes, [(x, y, t.setting) for x, y, _, t in points if t.ours])
+        label_points(axes, [(x, y, t.setting or "default") for x, y, _, t in points if t.ours])
         outline(axes, [(x, y) for x, y, _, _ in points])
         scales(axes)
         axes.set_xlabel(label)
-        axes.set_ylabel("rms error, % of range")
+        axes.set_ylabel("rms error, % of range (median of channels)")
         axes.figure.legend(loc="outside upper center", ncols=8, handletextpad=0.1,
                            columnspacing=0.8)  # fmt: skip
 
@@ -108,14 +109,14 @@ def summary(
 
 
 def label_points(axes: Any, points: Sequence[tuple[float, float, str]]) -> None:
-    """Names to the right of the points that have one; to the left where there is no room."""
+    """Names to the right of the points; to the left, then above, where there is no room."""
     placed: list[tuple[float, float]] = []
     for x, y, word in sorted(points, reverse=True):
-        if word:
-            free = all(abs(log10(y / b)) > 0.13 or abs(log10(x / a)) > 0.35 for a, b in placed)
-            axes.annotate(word, (x, y), xytext=(6 if free else -6, -3), fontsize=7.5,
-                          textcoords="offset points", ha="left" if free else "right")  # fmt: skip
-            placed.append((x, y))
+        near = sum(abs(log10(y / b)) < 0.13 and abs(log10(x / a)) < 0.35 for a, b in placed)
+        offset, side = (((6, -3), "left"), ((-6, -3), "right"), ((0, 6), "center"))[min(near, 2)]
+        axes.annotate(word, (x, y), xytext=offset, fontsize=7.5, textcoords="offset points",
+                      ha=side)  # fmt: skip
+        placed.append((x, y))
 
 
 def outline(axes: Any, points: Sequence[tuple[float, float]]) -> None:
@@ -232,7 +233,7 @@ def multiples(found: Sequence[Trial], words: str) -> Figure:
         handles, labels = flat[0].get_legend_handles_labels()
         flat[0].figure.legend(handles, labels, loc="outside upper center", ncols=8)
         flat[0].figure.supxlabel("bits per sample", fontsize=9)
-        flat[0].figure.supylabel("rms error, % of range", fontsize=9)
+        flat[0].figure.supylabel("rms error, % of range (median of channels)", fontsize=9)
 
     return drawn(
         f"Error against size: {words}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import isfinite
 from statistics import median
 from typing import Any
 
@@ -85,13 +86,16 @@ def fronts(found: Sequence[Trial]) -> dict[int, tuple[bool, bool]]:
     return marks
 
 
-SUMMARY = ["setting", "promise", "recordings", "size relative to lossless", "rms error, % of range",
-           "SNR of texture, dB", "encode µs/sample", "decode µs/sample", "smallest at its error",
+SUMMARY = ["setting", "promise", "recordings", "size relative to lossless",
+           "rms error, % of range: median", "largest error, % of range: largest",
+           "SNR of texture, dB: median", "SNR of texture, dB: least",
+           "encode µs/sample", "decode µs/sample", "smallest at its error",
            "fastest at its error"]  # fmt: skip
 
 
 def summary_rows(found: Sequence[Trial]) -> list[list[Any]]:
-    """One line for each setting. Sizes and times are geometric means over the recordings."""
+    """One line for each setting. Sizes and times are geometric means over the recordings, errors
+    the median over recordings of the median of channels, or the largest of all."""
     lossless = {t.subject: t for t in found if t.label == "lossless"}
     marks = fronts(found)
     rows = []
@@ -105,12 +109,17 @@ def summary_rows(found: Sequence[Trial]) -> list[list[Any]]:
         snr = [t.snr_hf_db for t in members if t.snr_hf_db is not None]
         rows.append(
             [label, task or "none", len(members), mean(sizes) if sizes else None,
-             median(t.rms_percent for t in members), median(snr) if snr else None,
+             median(t.rms_percent for t in members), max(t.largest_percent for t in members),
+             *(decibels(of(snr)) if snr else None for of in (median, min)),
              gathered(members, lambda t: t.microseconds(t.encode)),
              gathered(members, lambda t: t.microseconds(t.decode)),
              sum(marks[id(t)][0] for t in members), sum(marks[id(t)][1] for t in members)]
         )  # fmt: skip
     return rows
+
+
+def decibels(value: float) -> float | str:
+    return value if isfinite(value) else "exact"
 
 
 def gathered(members: Sequence[Trial], value: Callable[[Trial], float | None]) -> float | None:
@@ -176,30 +185,33 @@ def text_of(
     lossless = next(row for row in ours if row[0] == "lossless")
     fast = next((row for row in ours if row[0] == "lossless fast"), None)
     quick = (
-        f"; `lossless --fast` takes {fast[6] / lossless[6]:.2f} and {fast[7] / lossless[7]:.2f} "
+        f"; `lossless --fast` takes {fast[8] / lossless[8]:.2f} and {fast[9] / lossless[9]:.2f} "
         f"times that, for {fast[3] - 1:+.1%} of size"
         if fast
         else ""
     )
     lines = [
         first,
-        f"* **Time.** `lossless` takes {lossless[6]:.2g} µs per sample to encode and "
-        f"{lossless[7]:.2g} to decode{quick}.{slower(duels)}",
+        f"* **Time.** `lossless` takes {lossless[8]:.2g} µs per sample to encode and "
+        f"{lossless[9]:.2g} to decode{quick}.{slower(duels)}",
         "* **Pareto front.** "
         + ", ".join(
-            f"`{row[0]}` ({row[8]})" for row in sorted(ours, key=lambda r: -r[8])[:6] if row[8]
+            f"`{row[0]}` ({row[10]})" for row in sorted(ours, key=lambda r: -r[10])[:6] if row[10]
         )
         + f" are most often the smallest at their error (of {many} recordings and scenes). Fastest "
         "at their error: "
         + ", ".join(
-            f"{row[0]}{f' ({row[1]})' if row[1] != 'none' else ''}, {row[9]}"
-            for row in sorted(summary, key=lambda r: -r[9])[:4]
-            if row[9]
+            f"{row[0]}{f' ({row[1]})' if row[1] != 'none' else ''}, {row[11]}"
+            for row in sorted(summary, key=lambda r: -r[11])[:4]
+            if row[11]
         )
         + ".",
         f"* **Promises.** {broken(found)}",
         f"* **Peers.** {absent(found)}",
         "Errors are shares of each channel's range, so that newtons and degrees can be compared. "
+        "Those of a recording are the median of its channels, or the largest of them; a median of "
+        "0 says that more than half are lossless. Where no unit says that a channel is felt, "
+        "`perceptual` treats all as felt; recordings without any texture are left out of it. "
         "Bits count packets with all their tables; for a peer, its blobs and 4 bytes a channel. "
         "All coders get the same integers where a recording holds sensor counts. At most "
         f"{SAMPLES} samples of a recording are measured, from its middle, with {REPEATS} runs for "
@@ -252,7 +264,8 @@ def absent(found: Sequence[Trial]) -> str:
 
 
 HEADERS = ["recording", "setting", "promise", "channels", "samples", "b/s", "file b/s",
-           "rms %", "largest %", "SNR of texture, dB", "band energy, dB", "ST-SIM", "outside",
+           "rms %: median", "largest %: largest", "SNR of texture, dB: median",
+           "band energy, dB: median", "ST-SIM: median", "outside",
            "encode µs/sample", "from", "to", "decode µs/sample", "from", "to", "runs",
            "size front", "time front", "failed"]  # fmt: skip
 

@@ -16,7 +16,8 @@ from peers.relative import ROUNDING, SAFE, Recipe, outside, quantised, recipes, 
 from peers.zipped import coded_size
 
 import hapfmt
-from hapfmt.encoder.settings import Tolerance
+from hapfmt.encoder.plan import felt_channels
+from hapfmt.encoder.settings import ALL, Tolerance
 from hapfmt.metrics import band_energy_error_db, max_error, rmse, snr_hf_db, st_sim
 from report.section import Spread, timed
 from report.subjects import Subject
@@ -44,7 +45,7 @@ class Setting(NamedTuple):
     family: str
     name: str
     task: str
-    settings: hapfmt.Settings | None = None
+    settings: hapfmt.Settings
 
 
 class Trial(NamedTuple):
@@ -198,8 +199,8 @@ def about(subject: Subject, family: str, setting: str, task: str) -> Trial:
                  recording.sample_count)  # fmt: skip
 
 
-def try_ours(subject: Subject, setting: Setting, repeats: int) -> Trial:
-    """Through the whole package: choice, file, and back."""
+def try_ours(subject: Subject, setting: Setting, repeats: int) -> Trial | None:
+    """Through the whole package: choice, file, and back. None where it would do nothing."""
     empty = about(subject, setting.family, setting.name, setting.task)
     recording = subject.recording
     if setting.family == "deadband":  # the peers' bound is each channel's own, so ours is
@@ -208,13 +209,19 @@ def try_ours(subject: Subject, setting: Setting, repeats: int) -> Trial:
 
     def encode() -> tuple[bytes, int]:
         stream = io.BytesIO()
-        written = hapfmt.write(recording, stream, setting.settings, canonical=1, threads=1)
+        written = hapfmt.write(recording, stream, chosen, canonical=1, threads=1)
         return stream.getvalue(), written.payload_size
+
+    chosen = setting.settings
+    if setting.family == "perceptual" and not any(felt_channels(recording.channels, chosen)):
+        chosen = replace(chosen, felt=ALL)  # its units are not known, and some texture is measured
 
     try:
         (data, payload), encoding = timed(encode, repeats)
         back, decoding = timed(lambda: hapfmt.read(data), repeats)
     except hapfmt.HapfmtError as error:
+        if "would do nothing" in str(error):  # no channel has a texture
+            return None
         return empty._replace(failed=str(error))
     found = [channel.samples() for channel in back.channels]
     return empty._replace(
@@ -269,7 +276,9 @@ def trials(subject: Subject, quick: bool, progress: Callable[[str], None]) -> It
     repeats = 1 if quick else REPEATS
     for setting in settings(quick):
         progress(f"{subject.name}: {setting.family} {setting.name}")
-        yield try_ours(subject, setting, repeats)
+        trial = try_ours(subject, setting, repeats)
+        if trial is not None:
+            yield trial
     for task, by_channel in peer_tasks(subject):
         for coders in zip(*by_channel, strict=True):
             progress(f"{subject.name}: {coders[0].name}, {task}")
