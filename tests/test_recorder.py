@@ -21,7 +21,7 @@ from spec import ROOT
 
 import hapfmt
 from hapfmt import Calibration, Channel, Input, Recorder, Recording, Settings, Span
-from hapfmt.errors import LimitError, ParameterError
+from hapfmt.errors import DataWarning, LimitError, ParameterError
 from hapfmt.recording import spans_of
 from hapfmt.writing.clusters import ClusterGrid, SampleRows
 
@@ -784,7 +784,10 @@ def test_clock_observations_are_stored_raw_and_maps_only_when_asked(tmp_path):
         assert seen[3].time_ns == 5 * 10**9 + 3 * 1_000_040_000 and seen[3].uncertainty_ns == 100
         assert reader.channels[seen[3].channel].label == "a"
         assert {o.channel for o in reader.clocks if o.clock == "gps"} == {None}
-    with Recorder(path, inputs, append=True, clock_maps=True) as recorder:
+    with (
+        pytest.warns(DataWarning, match="no map of clock 'once'"),
+        Recorder(path, inputs, append=True, clock_maps=True) as recorder,
+    ):
         observe(recorder, 20, 40)
         recorder.clock("once", "a", 40_000, 5)
     assert hapfmt.verify(path).verdict == "intact"
@@ -849,7 +852,10 @@ def test_events_and_observations_alone_wait_no_longer_than_hold(tmp_path):
 
 def test_a_clock_that_leaps_has_no_map_that_a_file_holds(tmp_path):
     """Set from 0 to the time of day: the observations stay, and a note says why there is no map."""
-    with Recorder(tmp_path / "a.hapf", [counts_input()], clock_maps=True) as recorder:
+    with (
+        pytest.warns(DataWarning, match="no map of clock 'pc'"),
+        Recorder(tmp_path / "a.hapf", [counts_input()], clock_maps=True) as recorder,
+    ):
         recorder.write("force", np.zeros(40_000, np.int32))
         for second in range(40):
             leap = 10**18 * (second >= 20)
@@ -857,3 +863,27 @@ def test_a_clock_that_leaps_has_no_map_that_a_file_holds(tmp_path):
     with hapfmt.Reader(tmp_path / "a.hapf") as reader:
         assert len(reader.clocks) == 40 and reader.clock_maps == []
         assert any("no map of clock 'pc'" in note for note in reader.metadata["notes"])
+
+
+class TestBoundThatFlattens:
+    """The range is known at the end, so the recorder tells then of a bound above 10 % of it."""
+
+    @pytest.mark.parametrize("kind", ["counts", "floats"])
+    def test_is_told_when_the_recorder_is_closed(self, kind):
+        given = {"calibration": Calibration(1, 0, 1000)} if kind == "counts" else {"lsb": 0.001}
+        x = np.rint(1000 * np.sin(np.arange(3000) / 30))
+        x = x.astype(np.int32) if kind == "counts" else x / 1000
+        for error, force, told in ((1, False, True), (0.1, False, False), (1, True, False)):
+            settings = Settings.of("near-lossless", max_error=error, force_error=force)
+            recorder = Recorder(io.BytesIO(), [Input("f", 1000, "N", **given)], settings)
+            recorder.write("f", x)
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                recorder.close()
+            said = [str(one.message) for one in caught]
+            assert bool(said) == told
+            if told:
+                assert said == [
+                    "1 N is 50 % of the range of channel 'f', as is known now: next time give a "
+                    "smaller max_error, or force_error=True"
+                ]
