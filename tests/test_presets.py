@@ -285,7 +285,7 @@ class TestBoundThatFlattens:
     @pytest.mark.parametrize("make", [doubles, counted])
     @pytest.mark.parametrize("preset", ["near-lossless", "perceptual"])
     def test_is_refused_unless_it_is_meant(self, make, preset):
-        channel = make(1.1 * np.sin(T), "V" if preset == "perceptual" else "N", label="f")
+        channel = make(1.1 * np.sin(3 * T), "V" if preset == "perceptual" else "N", label="f")
         words = rf"^1 {channel.unit} is 45\.\d % of the range of channel 'f'; did you mean 1%\? "
         with pytest.raises(ParameterError, match=words + "To allow it, add force_error=True$"):
             self.write(channel, preset, max_error=1)
