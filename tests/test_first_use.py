@@ -390,7 +390,10 @@ class TestNarrowTerminal:
 
 
 def test_options_stand_for_whole_words_alone():
-    from hapfmt.cli.screen import in_options
+    from hapfmt.cli.screen import IN_OPTIONS, in_options
+
+    for keyword, option in IN_OPTIONS.items():
+        assert in_options(keyword) == option == in_options(option)
 
     assert in_options("k requires preset 'paper'") == "--k requires preset 'paper'"
     assert (

@@ -22,7 +22,7 @@ from strategies import recordings
 
 import hapfmt
 from hapfmt import edit
-from hapfmt.errors import FormatError
+from hapfmt.errors import DataWarning, FormatError
 from hapfmt.format.extras import OVERVIEW, OVERVIEW_NAMES, Attachment
 from hapfmt.format.layout import OVERVIEW_CHANNEL, OVERVIEW_END, OVERVIEW_PART
 from hapfmt.format.source import BytesSource
@@ -74,6 +74,7 @@ class TestValues:
     OVW-005: Each finite value of a bin MUST lie within the values of its lowest and highest code, or equal one. A bin is empty exactly where it has no finite value.
     """
 
+    @pytest.mark.filterwarnings("ignore:no overview")
     @given(recordings(), st.sampled_from([8, 64]))
     def test_any_recording_lies_within_its_overview(self, recording, base):
         smallest, writing.SMALLEST_BASE = writing.SMALLEST_BASE, base
@@ -178,7 +179,8 @@ class TestLevels:
     def test_without_any_room_there_is_none(self, monkeypatch):
         monkeypatch.setattr(writing, "SMALL", 100)
         monkeypatch.setattr(writing, "SHARE", 10**9)
-        assert found(written(wave(5))) is None
+        with pytest.warns(DataWarning, match="no overview: it would take too much of the file"):
+            assert found(written(wave(5))) is None
 
     def test_no_channel(self):
         assert found(written(hapfmt.Recording(()))).channels == ()

@@ -283,11 +283,47 @@ class TestNearLossless:
         assert back.coverage == (Span(0, 50), Span(52, 900), Span(901, 4000))
 
     def test_an_amount_in_steps_needs_a_step(self):
-        decision, _ = decided(doubles(NOISE, "N"), Settings.of("near-lossless", max_error="1lsb"))
+        settings = Settings.of("near-lossless", max_error="1lsb")
+        with pytest.warns(DataWarning, match="max_error does nothing for '': no step is known"):
+            decision, _ = decided(doubles(NOISE, "N"), settings)
         assert decision.kept_as == "lossless" and "no step is known" in decision.reason
         known = doubles(NOISE, "N", lsb=0.01)
         decision, _ = decided(known, Settings.of("near-lossless", max_error="1lsb"))
         assert 0.009 < decision.largest_error <= 0.01
+
+
+class TestBoundThatFlattens:
+    """A largest error above 10 % of a range is probably meant in percent."""
+
+    @pytest.mark.parametrize("make", [doubles, counted])
+    @pytest.mark.parametrize("preset", ["near-lossless", "perceptual"])
+    def test_is_refused_unless_it_is_meant(self, make, preset):
+        channel = make(1.1 * np.sin(3 * T), "V" if preset == "perceptual" else "N", label="f")
+        words = rf"^1 {channel.unit} is 45\.\d % of the range of channel 'f'; did you mean 1%\? "
+        with pytest.raises(ParameterError, match=words + "To allow it, add force_error=True$"):
+            self.write(channel, preset, max_error=1)
+        with pytest.raises(ParameterError, match=r"of channel 'f'\. To allow it"):
+            self.write(channel, preset, max_error=f"300m{channel.unit}")
+        for allowed in (
+            {"max_error": "100%"}, {"max_error": "46%"}, {"max_error": 0.2},
+            {"max_error": 1, "force_error": True},
+        ):  # fmt: skip
+            self.write(channel, preset, **allowed)
+
+    def write(self, channel: Channel, preset: str, **given: object) -> None:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "no channel is known to be felt")
+            hapfmt.write(channel, io.BytesIO(), preset=preset, **given)
+
+    def test_what_has_no_range_is_not_refused(self):
+        still = counted(T * 0 + 2, "N")
+        assert decided(still, Settings.of("near-lossless", max_error=1))[0].largest_error == 0
+
+    def test_the_decision_states_its_share_of_the_range(self):
+        x = PUSH + 0.1 * NOISE
+        x[100] = 1e6  # a glitch is no part of the range
+        decision, _ = decided(doubles(x, "N"), Settings.of("near-lossless", max_error="1%"))
+        assert 0.009 < decision.relative_error <= 0.01 * (1 + 1e-9)
 
 
 class TestPerceptual:
@@ -440,6 +476,7 @@ def recorded_parts(every: int, size: int, count: int) -> list[tuple[str, Recordi
 
 @pytest.mark.skipif(compiled is None, reason="slow without the extension, with the same bytes")
 @pytest.mark.filterwarnings("ignore:no channel is known to be felt")
+@pytest.mark.filterwarnings("ignore:max_error does nothing for .*: no step is known")
 class TestLaw:
     """No lossy output is larger than the lossless one."""
 

@@ -900,3 +900,27 @@ def test_a_clock_that_leaps_has_no_map_that_a_file_holds(tmp_path):
     with hapfmt.Reader(tmp_path / "a.hapf") as reader:
         assert len(reader.clocks) == 40 and reader.clock_maps == []
         assert any("no map of clock 'pc'" in note for note in reader.metadata["notes"])
+
+
+class TestBoundThatFlattens:
+    """The range is known at the end, so the recorder tells then of a bound above 10 % of it."""
+
+    @pytest.mark.parametrize("kind", ["counts", "floats"])
+    def test_is_told_when_the_recorder_is_closed(self, kind):
+        given = {"calibration": Calibration(1, 0, 1000)} if kind == "counts" else {"lsb": 0.001}
+        x = np.rint(1000 * np.sin(np.arange(3000) / 30))
+        x = x.astype(np.int32) if kind == "counts" else x / 1000
+        for error, force, told in ((1, False, True), (0.1, False, False), (1, True, False)):
+            settings = Settings.of("near-lossless", max_error=error, force_error=force)
+            recorder = Recorder(io.BytesIO(), [Input("f", 1000, "N", **given)], settings)
+            recorder.write("f", x)
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                recorder.close()
+            said = [str(one.message) for one in caught]
+            assert bool(said) == told
+            if told:
+                assert said == [
+                    "1 N is 50 % of the range of channel 'f', as is known now: next time give a "
+                    "smaller max_error, or force_error=True"
+                ]
