@@ -523,7 +523,7 @@ def _grid_of_index(
 TIME_ZONE = "time_zone"
 """Key of the metadata: the zone of the dates that were the index of a DataFrame."""
 NO_ZONE = "none"
-"""Of dates without a zone, which count as UTC."""
+"""Stands for dates without a zone, which count as UTC."""
 
 
 def _dates(seconds: NDArray[np.float64], epoch_ns: int, zone: object) -> Any:
