@@ -7,7 +7,7 @@ SPEC clause 13, which gives the verdict on a file.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 
@@ -163,11 +163,17 @@ SHOWN = 30
 """Most names that a message lists."""
 
 
+RATES = frozenset({"fs", "sr", "hz", "samplerate", "sample_rate", "sampling_rate"})
+"""What other packages call a rate."""
+
+
 def similar(name: str, known: Iterable[str], cutoff: float | None = None) -> str | None:
     """The known name that a mistyped one most resembles; ``cutoff``: least similarity, 0 to 1."""
     from difflib import get_close_matches
 
     names = {each.lower(): each for each in known if each}
+    if name.lower().replace("-", "_") in RATES and "rate" in names:
+        return names["rate"]
     cutoff = cutoff or (0.6 if len(name) > 3 else 0.5)
     found = get_close_matches(name.lower(), names, n=1, cutoff=cutoff)
     return names[found[0]] if found else None
@@ -211,6 +217,14 @@ def channels_called(names: Any, labels: Mapping[int, str]) -> list[int]:
             raise UnknownChannelError(unknown("channel", name, labels))
         chosen += [numbers[place] for place in several]
     return chosen
+
+
+def refuse_keywords(given: Mapping[str, object], function: Callable[..., object]) -> None:
+    """ParameterError for the first keyword that a function lacks; it names the one meant."""
+    from inspect import signature
+
+    for name in given:
+        raise ParameterError(unknown("keyword", name, list(signature(function).parameters)[:-1]))
 
 
 def unknown(kind: str, name: object, known: Iterable[str] | Mapping[int, str]) -> str:

@@ -33,6 +33,7 @@ from .errors import (
     ParameterError,
     UnknownChannelError,
     matching,
+    refuse_keywords,
     unknown,
 )
 from .limits import AFFINE_LIMIT, EXACT_LIMIT, LAST_TRACK_ID, TICK_LIMIT
@@ -255,6 +256,8 @@ def _recording_of_frame(
     for note in notes:
         warnings.warn(note, MovedTimesWarning, stacklevel=4)
     codes = given_units(codes, stacklevel=4)
+    dated = getattr(frame.index.dtype, "kind", "") == "M"
+    zone = str(frame.index.tz or NO_ZONE) if dated else None
     return Recording(
         tuple(
             channel_of(
@@ -264,7 +267,9 @@ def _recording_of_frame(
             for place, (name, code) in enumerate(zip(names, codes, strict=True))
         ),
         epoch_ns=epoch_ns,
-        metadata=_metadata_of(frame.attrs.get("metadata")) | ({"notes": [*notes]} if notes else {}),
+        metadata=_metadata_of(frame.attrs.get("metadata"))
+        | ({"notes": [*notes]} if notes else {})
+        | ({} if zone is None else {TIME_ZONE: zone}),
     )  # fmt: skip
 
 
@@ -514,13 +519,45 @@ def _grid_of_index(
     return grid.rate, grid.ticks, epoch_ns, grid.notes
 
 
+TIME_ZONE = "time_zone"
+"""Key of the metadata: the zone of the dates that were the index of a DataFrame."""
+NO_ZONE = "none"
+"""Stands for dates without a zone, which count as UTC."""
+
+
+def _dates(seconds: NDArray[np.float64], epoch_ns: int, zone: object) -> Any:
+    """The pandas.DatetimeIndex of the samples; UTC where the zone is not known here."""
+    from datetime import UTC, datetime, tzinfo
+    from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+    import pandas
+
+    ns = np.rint(seconds * 1e9).astype(np.int64) + epoch_ns
+    dates = pandas.DatetimeIndex(ns.astype("M8[ns]"), name="time")
+    if zone == NO_ZONE:
+        return dates
+    known: tzinfo
+    try:
+        known = UTC if zone == "UTC" else ZoneInfo(str(zone))
+    except (ValueError, OSError, ZoneInfoNotFoundError):
+        try:
+            known = datetime.strptime(str(zone), "UTC%z").tzinfo or UTC
+        except ValueError:
+            known = UTC
+    return dates.tz_localize(UTC).tz_convert(known)
+
+
 def to_pandas(recording: Recording) -> Any:
     try:
         import pandas
     except ImportError:
         raise MissingExtraError("pandas", "pandas") from None
     x = recording.to_numpy()
-    index = pandas.Index(recording.times(), name="time")
+    zone = recording.metadata.get(TIME_ZONE)
+    if zone is None or recording.epoch_ns is None:
+        index = pandas.Index(recording.times(), name="time")
+    else:
+        index = _dates(recording.times(), recording.epoch_ns, zone)
     names = column_names(recording.labels)
     frame = pandas.DataFrame(x.T, index=index, columns=names)
     frame.attrs["units"] = {
@@ -805,7 +842,9 @@ class Channel:
         *,
         rate_exact: Rate | None = None,
         values: NDArray[Any] | None = None,
+        **others: Any,
     ) -> None:
+        refuse_keywords(others, Channel)
         if values is not None:  # dataclasses.replace gives ``stored`` too
             _deprecated("Channel(values=...)", "Channel(stored=...)")
             stored = values
@@ -1154,9 +1193,10 @@ class Recording:
         units: str | Sequence[str] | Mapping[str, str] | None = None,
         transpose: bool | None = None,
         events: Iterable[Event] | None = None,
+        **others: Any,
     ) -> Recording:
         """A recording of an array or a table; the arguments are those of :func:`hapfmt.write`."""
-
+        refuse_keywords(others, cls.from_array)
         made = recording_of(x, rate, labels=labels, units=units, transpose=transpose)
         return made if events is None else replace(made, events=(*made.events, *events))
 
@@ -1376,6 +1416,7 @@ class Recording:
     def to_pandas(self) -> Any:
         """A pandas.DataFrame: one column for each channel, NaN in gaps, seconds as index.
 
+        Dates are the index of a recording that a DataFrame with a DatetimeIndex gave, in its zone.
         Each column has another name: a second "x" becomes "x (2)", and "time" becomes "time (2)".
         ``frame.attrs["units"]`` is {column: unit}, ``frame.attrs["epoch_ns"]`` is the UTC time of
         second 0. All channels need one rate; ``to_xarray()`` takes several. Needs the extra

@@ -9,6 +9,7 @@ import sys
 from dataclasses import replace
 from datetime import UTC, datetime
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -260,6 +261,33 @@ class TestRecording:
         assert "and 400 more" in Recording((example()[0],) * 500)._repr_html_()
 
 
+class TestKeywords:
+    @pytest.mark.parametrize("name", ["fs", "sr", "sample_rate", "samplerate"])
+    def test_other_names_of_a_rate(self, name, tmp_path):
+        np.save(tmp_path / "x.npy", np.arange(9.0))
+        for call in (
+            partial(hapfmt.read, tmp_path / "x.npy"),
+            partial(hapfmt.write, np.arange(9.0), tmp_path / "x.hapf"),
+            partial(Recording.from_array, np.arange(9.0)),
+            partial(Channel, np.arange(9.0)),
+        ):
+            with pytest.raises(ParameterError, match=f"no .* '{name}'; did you mean 'rate'"):
+                call(**{name: 100})
+            with pytest.raises(ParameterError, match=r"'transpos'|'calibratio'"):
+                call(**{"calibratio" if call.func is Channel else "transpos": 100})
+
+    def test_sel_takes_channels_as_read_does(self):
+        assert example().sel(channels=["fy", "fx"]).labels == ["fy", "fx"]
+
+    def test_an_error_without_a_unit_has_none(self, tmp_path):
+        given = {"rate": 1000, "preset": "near-lossless", "max_error": "1%"}
+        x = np.sin(np.arange(1000) / 50)
+        summary = repr(hapfmt.write(x, tmp_path / "a.hapf", **given))
+        assert re.search(r"largest error [\d.]+$", summary, re.M), summary
+        summary = repr(hapfmt.write(x, tmp_path / "b.hapf", units="N", **given))
+        assert re.search(r"largest error [\d.]+ N$", summary, re.M), summary
+
+
 class TestTables:
     def test_pandas(self):
         pandas = pytest.importorskip("pandas")
@@ -278,6 +306,33 @@ class TestTables:
         assert back.labels == rec.labels and back.epoch_ns == rec.epoch_ns
         for a, b in zip(rec, back, strict=True):
             assert (a.rate_exact, a.coverage, a.unit) == (b.rate_exact, b.coverage, b.unit)
+
+    @pytest.mark.parametrize("zone", [None, "UTC", "Europe/Berlin", "UTC+02:00"])
+    def test_dates_come_back_in_their_zone(self, tmp_path, zone):
+        """Across the change to summer time, and from a part."""
+        pandas = pytest.importorskip("pandas")
+        index = pandas.date_range("2024-03-31 00:59:59.5", periods=1500, freq="1ms", tz=zone)
+        given = pandas.DataFrame({"x": np.arange(1500.0)}, index=index)
+        hapfmt.write(given, tmp_path / "a.hapf")
+        rec = hapfmt.read(tmp_path / "a.hapf")
+        for found, wanted in (
+            (rec.to_pandas(), given),
+            (rec.sel(start=0.5, stop=1).to_pandas(), given.iloc[500:1000]),
+        ):
+            assert isinstance(found.index, pandas.DatetimeIndex)
+            assert found.index.equals(wanted.index) and str(found.index.tz) == str(index.tz)
+            assert np.array_equal(found["x"], wanted["x"])
+        hapfmt.write(rec.to_pandas(), tmp_path / "b.hapf")
+        assert hapfmt.read(tmp_path / "b.hapf").epoch_ns == rec.epoch_ns
+
+    @pytest.mark.parametrize("zone", ["Nowhere/Else", "../../etc/passwd", "", 5, "UTC+99:99"])
+    def test_a_zone_that_is_not_known_is_utc(self, zone):
+        pandas = pytest.importorskip("pandas")
+        x = Channel(np.arange(4.0), 10)
+        index = Recording((x,), epoch_ns=10**18, metadata={"time_zone": zone}).to_pandas().index
+        assert str(index.tz) == "UTC" and index[0] == pandas.Timestamp(10**18, tz="UTC")
+        index = Recording((x,), metadata={"time_zone": zone}).to_pandas().index
+        assert index.tolist() == [0, 0.1, 0.2, 0.3]  # without an epoch there are no dates
 
     def test_columns_differ_from_each_other_and_from_the_times(self):
         pytest.importorskip("pandas")

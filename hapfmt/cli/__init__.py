@@ -127,7 +127,7 @@ class Verbs(click.Group):
 
 
 def unknown_verb(name: str) -> str:
-    """The message for a word that is no verb: it may be the name of a file."""
+    """Return the message for an unknown verb, which may be the name of a file."""
     meant = similar(name, VERBS)
     if meant is None and re.search("[./]", name):
         return f"no verb {name!r}; did you mean hapfmt info {shlex.quote(name)}?"

@@ -53,7 +53,7 @@ def events_json(events: Iterable[Event]) -> list[dict[str, Any]]:
 
 
 def show_events(events: Sequence[dict[str, Any]] | None) -> None:
-    """Print a table of the events of a file; None: nobody asked for them."""
+    """Print a table of the events of a file, or a note that it has none; None prints nothing."""
     if events == []:
         note("this file has no events; hapfmt annotate adds some")
     elif events:

@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
-from ..errors import HapfmtError, ParameterError
+from ..errors import HapfmtError, ParameterError, refuse_keywords
 from ..files import atomic_folder, atomic_write
 from .formats import (
     HAPF,
@@ -96,6 +96,7 @@ def read(
     threads: int | None = None,
     max_memory: int | None = None,
     progress: Advance | None = None,
+    **others: Any,
 ) -> Recording:
     """The recording in a file of any format: .hapf, and those that ``hapfmt info --formats``
     lists.
@@ -123,6 +124,7 @@ def read(
     from ..limits import Limits
     from .tables import Import
 
+    refuse_keywords(others, read)
     if start is not None or stop is not None:
         from ..recording import check_seconds
 

@@ -53,7 +53,7 @@ from ..recording import (
     html_table,
     recording_of,
 )
-from ..units import unknown_unit
+from ..units import unit_text, unknown_unit
 from ..version import __version__
 from .filewriter import FileWriter
 from .overview import attach_overview, readable
@@ -118,7 +118,7 @@ class Summary:
                 each.label or f"channel {each.channel}",
                 each.kept_as,
                 f"{each.size} bytes",
-                f"{each.largest_error:.3g} {each.unit}" if each.largest_error else "0",
+                f"{each.largest_error:.3g} {unit_text(each.unit)}".rstrip(),
             )
             for each in self.decisions[:count]
         ]
