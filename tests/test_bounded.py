@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import recordings
 
@@ -255,3 +255,35 @@ def test_near_lossless_counts_the_deviation_of_the_lattice():
     back = hapfmt.read(stream.getvalue()).channels[0]
     assert back.deviation is not None and back.deviation.largest > 0.001
     assert np.abs(back.samples() - x).max() <= 0.01
+
+
+class TestExactBound:
+    """A contract holds for exact values. In binary64 a difference may exceed it by rounding."""
+
+    @given(
+        st.integers(0, 2**32),
+        st.sampled_from([Fraction(1, 1000), Fraction(12207, 10**7), Fraction(1, 10**9)]),
+        st.sampled_from([0, Fraction(1, 20), Fraction(1, 5)]),
+        st.sampled_from([Fraction(1, 1000), Fraction(1, 50), Fraction(3, 10)]),
+    )
+    @settings(max_examples=25, deadline=None)
+    def test_any_counts(self, seed, step, k, floor):
+        rng = np.random.default_rng(seed)
+        x = np.cumsum(rng.normal(size=500)) * 0.02 + rng.normal(size=500) * 0.01
+        grid = Calibration(step.numerator, int(rng.integers(0, step.numerator)), step.denominator)
+        counts = np.rint(x.clip(-2, 2) / float(step)).astype(np.int32)
+        given = Channel(counts, 1000, calibration=grid, unit="N", label="x")
+        options = {"preset": "near-lossless", "max_error": float(floor), "force_error": True}
+        if k:
+            options = {"preset": "perceptual", "texture": False, "k": k, "floor": float(floor)}
+        stream = io.BytesIO()
+        hapfmt.write(Recording((given,)), stream, smallest=False, **options)
+        back = hapfmt.read(stream.getvalue())[0]
+        assert back.calibration is not None
+        for count, other in zip(counts.tolist(), back.stored.tolist(), strict=True):
+            exact = grid.exact(count)
+            allowed = max(k * abs(exact), Fraction(float(floor)))
+            assert abs(back.calibration.exact(other) - exact) <= allowed
+        f, y = given.samples(), back.samples()
+        rounding = 2.0**-51 * np.maximum(np.abs(f), np.abs(y))
+        assert (np.abs(y - f) <= np.maximum(float(k) * np.abs(f), float(floor)) + rounding).all()

@@ -5,10 +5,11 @@ from __future__ import annotations
 import io
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import hapfmt
@@ -35,6 +36,8 @@ from hapfmt.encoder.references import (
     refer,
 )
 from hapfmt.recording import Span
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
 
 ARCHIVE = Settings()
 STEP = Calibration(1, 0, 100)
@@ -366,3 +369,52 @@ def test_higher_differences_have_no_coefficients(seed):
     alone = encode_indices(indices, Predictor(2))
     data = references.encode_referring(indices, alone, [noise], (0,))
     assert len(data) < len(alone) // 2
+
+
+def tactile_array(seed: int) -> Recording:
+    """Slow taxels that share a drift and a noise, some of them hardly touched."""
+    rng = np.random.default_rng(seed)
+    n, m, rate = (int(rng.integers(*ends)) for ends in ((200, 1200), (4, 24), (30, 100)))
+    drift = np.convolve(np.cumsum(rng.normal(size=n)), np.ones(20) / 20, "same")
+    drift = (drift - drift.min()) / np.ptp(drift)
+    noise = rng.normal(size=n) * rng.choice([0.5, 2, 8])
+    rows = (
+        drift * rng.choice([0, 1]) * rng.integers(50, 2000)
+        + noise * rng.choice([0, 1, 1]) * rng.random()
+        + rng.normal(size=n) * rng.choice([0.05, 0.3, 1, 3])
+        + rng.integers(0, 3000) * rng.choice([0, 1])
+        for _ in range(m)
+    )
+    scale = Calibration(1, 0, 1000)
+    return Recording(
+        tuple(
+            Channel(np.rint(x).astype(np.int32), rate, calibration=scale, label=str(k), unit="N")
+            for k, x in enumerate(rows)
+        )
+    )
+
+
+class TestNeverLarger:
+    """A file with references is never larger than one without."""
+
+    def sizes(self, recording: Recording, preset: str, **options: object) -> list[int]:
+        return [
+            hapfmt.write(
+                recording, io.BytesIO(), preset=preset, canonical=1, references=each, **options
+            ).file_size
+            for each in (True, False)
+        ]
+
+    @given(st.integers(0, 2**32))
+    @example(14)
+    @settings(max_examples=15, deadline=None)
+    def test_arrays(self, seed: int) -> None:
+        with_references, without = self.sizes(tactile_array(seed), "perceptual")
+        assert with_references <= without
+
+    @pytest.mark.skipif(not DATA.is_dir(), reason="no ../shared/data")
+    def test_recordings(self) -> None:
+        for path in sorted(DATA.glob("fabricslide/*.npz")):
+            recording = hapfmt.read(path)
+            with_references, without = self.sizes(recording, "perceptual", felt="all")
+            assert with_references <= without

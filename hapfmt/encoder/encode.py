@@ -81,6 +81,10 @@ JOINED_TICKS = 1 << 19
 METADATA = 96
 """Bytes in a file. A lossy form that saves less is not worth the loss."""
 
+UNSURE = 20
+"""Bytes a channel that an estimated size may be off: bounds and rows of many tracks that
+are alike take less."""
+
 SMALLER = "smaller than a lossy form"
 SMALLER_LOSSLESS = "lossless is smaller"
 
@@ -153,6 +157,8 @@ class PlacedUnit:
     unit: Unit
     first: int
     members: list[Gridded]
+    apart: tuple[PlacedUnit, ...] = ()
+    """The channels of a track with references, each alone."""
 
     @property
     def stop(self) -> int:
@@ -198,13 +204,16 @@ def encode(
     settings = settings or Settings()
     if settings.st_sim is not None and not find_spec("vibromaf"):
         raise MissingExtraError("vibromaf", "metrics")
-    encoding = Encoding(recording, settings, progress or (lambda _done, _all: None), threads)
+    size_of = size_of or about
+    encoding = Encoding(
+        recording, settings, progress or (lambda _done, _all: None), threads, size_of
+    )
     if settings.bitrate is None or not encoding.textures:
         return with_weights(encoding.finish(encoding.parts))
     return with_weights(
         fill(
             lambda db: encoding.finish(encoding.at_quality(db)),
-            size_of or about,
+            size_of,
             settings.bitrate * 1000 / 8 * float(recording.duration),
             sum(part.members[0].channel.stored.size for part in encoding.textures),
         )
@@ -234,7 +243,9 @@ class Encoding:
         settings: Settings,
         progress: Callable[[int, int], None],
         threads: int | None,
+        size_of: Callable[[Encoded], int],
     ) -> None:
+        self.size_of = size_of
         threads = min(thread_count(threads, recording.sample_count), len(recording))
         if len(recording) > LAST_TRACK_ID // 2:
             raise ParameterError(f"a recording has at most {LAST_TRACK_ID // 2} channels")
@@ -285,13 +296,20 @@ class Encoding:
         return out
 
     def finish(self, parts: list[PlacedUnit]) -> Encoded:
-        """Tracks and packets of the smaller forms, and what is reported of them."""
+        """The smallest of the files that have some channels without loss."""
+        settings = self.job.settings
+        if settings.preset == "lossless" or not settings.smallest:
+            return self.complete(parts)
+        choices = with_lossless(parts, self.job, self.recorded, self.rivals)
+        if len(choices) == 1:
+            return self.complete(choices[0])
+        return min(map(self.complete, choices), key=self.size_of)
+
+    def complete(self, parts: list[PlacedUnit]) -> Encoded:
+        """Tracks and packets, and what is reported of them."""
         settings, job = self.job.settings, self.job
-        if settings.preset != "lossless" and settings.smallest:
-            parts = with_lossless(parts, job, self.recorded, self.rivals)
         if settings.preset != "paper" and settings.cluster is None:
-            if settings.bitrate is not None:
-                parts = [replace(part, unit=part.unit.copy()) for part in parts]
+            parts = [replace(part, unit=part.unit.copy()) for part in parts]
             shorten_units([part.unit for part in parts])
         decisions: list[Decision] = []
         for part in parts:
@@ -421,7 +439,7 @@ def encode_members(
     if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in units):
         joint.channels = tuple(channels)
         joint.least = sum(unit.least for unit in units)
-        yield PlacedUnit(joint, first, members)
+        yield PlacedUnit(joint, first, members, tuple(apart))
     else:
         yield from apart
 
@@ -509,10 +527,11 @@ Rivals = dict[tuple[int, int], list[PlacedUnit]]
 
 def with_lossless(
     parts: list[PlacedUnit], job: EncodeJob, recorded: list[Channel], known: Rivals
-) -> list[PlacedUnit]:
+) -> list[list[PlacedUnit]]:
     """The parts, where they are larger than the same channels without loss these in their place.
 
-    ``known`` keeps the lossless parts for the next call.
+    A small recording has several choices, of which the smallest file counts, and the first of equal
+    ones. ``known`` keeps the lossless parts for the next call.
     """
     small = sum(channel.stored.size for channel in recorded) <= SMALL
     lossless = replace(
@@ -542,9 +561,17 @@ def with_lossless(
         at = max(stop, at + 1)
     asked = [each.promise for part in parts for each in part.members]
     rivals = [in_place(part, asked) for part in rivals]
-    if small and total_cost(rivals) <= total_cost(parts) + METADATA:
-        return rivals
-    return list(smaller(parts, rivals))
+    # A track with references may not displace channels that are smaller alone.
+    alone = [in_place(each, asked) for part in rivals for each in part.apart or (part,)]
+    apart = list(smaller(parts, alone))
+    mixed = list(smaller(apart, rivals))
+    if not small:
+        return [mixed]
+    choices: dict[tuple[int, ...], list[PlacedUnit]] = {}
+    for each in (rivals, alone, mixed, apart):
+        choices.setdefault(tuple(id(part.unit.base) for part in each), each)
+    near = min(map(total_cost, choices.values())) + METADATA + UNSURE * len(recorded)
+    return [each for each in choices.values() if total_cost(each) <= near]
 
 
 def in_place(part: PlacedUnit, asked: list[Promise]) -> PlacedUnit:
