@@ -71,7 +71,7 @@ def test_a_subset_of_everything_is_the_same_file(name: str) -> None:
 def test_a_subset_reads_as_the_whole_does(
     name: str, data: st.DataObject, a: Fraction, b: Fraction
 ) -> None:
-    """EDT-002: An editor MUST copy packets bit for bit, each as a whole, except the channel numbers in events. In the place of a packet that it is asked to cut at a sample, it may write one that decodes to the same values of the remaining samples. To all times that it takes from a file it adds one number of seconds, whole ticks of every track."""
+    """EDT-002: An editor MUST copy packets bit for bit, each as a whole, except the channel numbers in events. It may cut a packet at a sample on request: the new packet decodes to the same values, under the same description. To all times that it takes from a file it adds one number of seconds, whole ticks of every track."""
     file = made(name)
     start, stop = min(a, b), max(a, b) + Fraction(1, 50)
     with hapfmt.Reader(file) as reader:
@@ -326,3 +326,22 @@ def test_channels_apart_and_together_again(name: str, data: st.DataObject) -> No
     assert [channel.label for channel in back.channels] == order
     assert_same(hapfmt.read(both, labels), whole)
     assert by_label(both) == by_label(file)
+
+
+def test_a_new_file_has_an_id_of_its_own(tmp_path: Path) -> None:
+    """So copies can be appended to: samples of one never pass in the other. What is added in place
+    keeps the id, which every chunk before it carries (WRT-006)."""
+    file = tmp_path / "a.hapf"
+    file.write_bytes(made("lossless"))
+    recovered = tmp_path / "r.hapf"
+    hapfmt.recover(file, recovered)
+    parts = edit.split(file, f"{tmp_path}/part-{{}}.hapf", at=[1])
+    copies = [subset(file)[0], subset(file)[0], merge([file])[0], recovered.read_bytes()]
+    copies += [Path(part.file).read_bytes() for part in parts]
+    out = io.BytesIO()
+    edit.concat([file], out)
+    copies.append(out.getvalue())
+    ids = [hapfmt.Reader(data).catalogue.file_id for data in [file.read_bytes(), *copies]]
+    assert len(set(ids)) == len(ids)
+    edit.set_metadata(file, {"subject": "S2"})
+    assert hapfmt.Reader(file.read_bytes()).catalogue.file_id == ids[0]

@@ -72,7 +72,11 @@ LOST = 3
     help="As of encode; texture needs the whole recording, so perceptual needs --no-texture.",
 )
 @click.option("--fast", is_flag=True, default=None, help="lossless: faster, 7 % larger.")
-@click.option("--max-error", type=AmountType(), help="near-lossless: 0.01, 2lsb.")
+@click.option(
+    "--max-error",
+    type=AmountType(),
+    help="near-lossless: 0.01, 2lsb [0.1% of the range so far].",
+)
 @click.option(
     "--force-error", is_flag=True, default=None, help="Allow a --max-error above 10 % of a range."
 )

@@ -401,7 +401,7 @@ class Edited:
     asked: tuple[Fraction | None, Fraction | None] | None = None
     made: tuple[Fraction, Fraction] | None = None
     rounded: bool = False
-    """Whether packets reach beyond what was asked for by a sample or more."""
+    """True if packets reach beyond the requested times by a sample or more."""
     missing: list[Stretch] = field(default_factory=list)
     channels: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -621,7 +621,7 @@ class Making:
         self.stops[line] = packet.stop
 
     def compare(self) -> None:
-        """Compare what was written with what was asked for."""
+        """Compare the packets with the requested times."""
         missing: dict[tuple[Fraction, Fraction], list[str]] = {}
         for track in self.out.tracks.values():
             if track.first_channel not in self.gaps or not has_channels(track):

@@ -74,7 +74,7 @@ def subset(
     """Write the channels, seconds [start, stop) and band that are asked for into ``out``.
 
     Nothing is decoded. Packets that overlap the seconds are kept whole, so the result may hold a
-    little more: it says what was asked for, what was made, and what is missing. ``exact`` cuts at
+    little more. It has the requested times, its own, and the missing stretches. ``exact`` cuts at
     the sample: the packets at the ends are coded again, without loss. Where that is impossible
     (textures, and lines between knots), they are kept whole, with a note. All channels that
     share a track with a requested one come along too. Channels are numbered from 0 on. Ticks,
@@ -170,7 +170,7 @@ def cutter_of(original: Original, kept: Mapping[int, Track], *, exact: bool) -> 
 def overlapping(
     original: Original, start: Seconds | None, stop: Seconds | None, cutter: Cutter | None
 ) -> Window:
-    """Packets that overlap these seconds, or what a cutter makes of them."""
+    """Packets that overlap these seconds; a cutter shortens them."""
     if start is None and stop is None:
         return Window()
     ranges = {t.id: tick_range(t.rate, start, stop) for t in original.tracks.values()}
@@ -250,7 +250,7 @@ REMEDY = "packets are kept whole; exact=True cuts at the sample"
 
 
 def account(edited: Edited, making: Making, window: Window, plan: EditPlan) -> None:
-    """Say what was asked for and what was made, on the time line of the original."""
+    """Report the requested times and those of the packets, on the time line of the original."""
     note_missing(edited)
     edited.asked = (
         None if window.start is None else fraction(window.start),
@@ -389,7 +389,7 @@ def cuts_of(
 def beginning(
     original: Original, start: Fraction, stop: Fraction | None, cutter: Cutter | None
 ) -> Window:
-    """Packets that begin within these seconds, or what a cutter makes of those that overlap."""
+    """Packets that begin within these seconds; a cutter shortens all that overlap them."""
     ranges = {t.id: tick_range(t.rate, start, stop) for t in original.tracks.values()}
 
     def pick(packet: Packet) -> Packet | None:

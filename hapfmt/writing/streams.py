@@ -489,7 +489,7 @@ def parse_row(line: bytes, columns: int) -> list[float]:
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell of a first line is no name of a column: empty, or what looks like a number."""
+    """True if a cell of a first line cannot name a column: it is empty, or resembles a number."""
     try:
         return not cell or bool(ALMOST.fullmatch(cell)) or float(cell) is not None
     except ValueError:
@@ -612,7 +612,7 @@ class InputStream:
 
     @property
     def bad_lines(self) -> tuple[int, str]:
-        """How many lines were left out, and what was wrong with the first."""
+        """The number of lines that were left out, and the error of the first."""
         parser = self.parser
         return (parser.bad_count, parser.first_bad) if isinstance(parser, LineStream) else (0, "")
 
