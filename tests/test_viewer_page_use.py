@@ -425,7 +425,7 @@ def test_events_and_damage(chromium: Any, touch: Path) -> None:
         rows = page.get_by_role("listbox", name="Damage").get_by_role("option")
         texts = rows.all_inner_texts()
         assert any("CHK-003" in text for text in texts)
-        packet = next(i for i, text in enumerate(texts) if "bad-packet" in text)
+        packet = next(i for i, text in enumerate(texts) if "damaged packets" in text)
         rows.nth(packet).click()
         t0, t1 = state(page, "t0", "t1")
         assert t0 < 0.008 and t1 > 0.012 and t1 - t0 < 0.009

@@ -12,13 +12,16 @@ import argparse
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import installed  # noqa: F401
 
+import numpy as np
+
+from hapfmt import write
 from hapfmt.cli import cli
 from hapfmt.viewer.server import ServedFile, ViewServer
 
@@ -64,7 +67,28 @@ def damage(folder: Path) -> tuple[Path, str]:
     return path, "#tab=damage&theme=light"
 
 
-PICTURES = {each.__name__: each for each in (hand, bands, damage)}
+def map_(folder: Path) -> tuple[Path, str]:
+    """A touch that moves over 12 x 12 taxels."""
+    path = folder / "skin.hapf"
+    times = np.arange(1000) / 200
+    rows, columns = np.mgrid[0:12, 0:12]
+    center = 6 + 4 * np.sin(0.7 * times), 6 + 4 * np.cos(0.9 * times)
+    far = (rows.ravel()[:, None] - center[0]) ** 2 + (columns.ravel()[:, None] - center[1]) ** 2
+    labels = [f"taxel {r + 1}.{c + 1}" for r, c in zip(rows.flat, columns.flat, strict=True)]
+    counts = np.round(400 * np.exp(-far / 12)).astype(np.int32)
+    write(counts, path, rate=200, labels=labels, units=["kPa"] * 144)
+    return path, "#mode=map&theme=dark"
+
+
+def compare(folder: Path) -> tuple[tuple[Path, Path], str]:
+    """Forces that grasp, lossless and perceptual."""
+    paths = folder / "grasp.hapf", folder / "grasp-perceptual.hapf"
+    for path, preset in zip(paths, ("lossless", "perceptual"), strict=True):
+        hapfmt("scene", "grasp", str(path), "--preset", preset)
+    return paths, "#ch=22;22&a=1.1&dock=0&theme=light"
+
+
+PICTURES = {each.__name__.strip("_"): each for each in (hand, bands, damage, map_, compare)}
 
 
 @contextmanager
@@ -78,9 +102,10 @@ def browser() -> Iterator[Any]:
         opened.close()
 
 
-def draw(chromium: Any, path: Path, address: str, picture: Path) -> int:
+def draw(chromium: Any, paths: Path | Sequence[Path], address: str, picture: Path) -> int:
     """Bytes of the picture."""
-    with ServedFile(str(path), path.name) as file, ViewServer([file]) as server:
+    files = [paths] if isinstance(paths, Path) else paths
+    with ViewServer([ServedFile(str(path), path.name) for path in files]) as server:
         page = chromium.new_page(viewport=SIZE)
         page.goto(server.url + address)
         page.evaluate("window.hapf.ready")

@@ -145,7 +145,9 @@ export class Chart {
       this.yLabels = [low + room, high - room].map((value) => formatValue(Number(value.toPrecision(3))));
       return [FLAT_ROOM, 1 - FLAT_ROOM];
     }
-    const { step, values } = ticksBetween(low, high, Math.max(2, Math.floor(this.plot.height / (this.plot.height > 120 ? 32 : 17))));
+    const most = Math.max(2, Math.floor(this.plot.height / (this.plot.height > 120 ? 32 : 17)));
+    let { step, values } = ticksBetween(low, high, most);
+    if (values.length < 2) ({ step, values } = ticksBetween(low, high, 2 * most)); // one number is no scale
     this.yLabels = axisLabels(values, step);
     return values.map((value) => (value - low) / (high - low));
   }

@@ -83,7 +83,7 @@ function lossText({ name, findings: { channels } }) {
   const texts = lost.slice(0, NAMED).map(({ channel, label, lost_ticks: ticks, lost_s: seconds }) => `${label || `channel ${channel}`} ${
     ticks === null ? 'an unknown number' : `${plural(ticks, 'sample')} (${formatDuration(seconds)})`}`);
   if (lost.length > NAMED) texts.push(`and ${plural(lost.length - NAMED, 'more channel')}`);
-  return `${name}: ${texts.length ? `at most lost: ${texts.join(', ')}.` : 'no sample is known to be lost.'}`;
+  return `${name}: ${lost.length ? `${lost.length} of ${plural(channels.length, 'channel')} lost samples to damage, at most ${texts.join(', ')}.` : 'damaged, no sample is known to be lost.'}`;
 }
 
 const recoverCommand = ({ name }) => `hapfmt recover ${quoted(name)} ${quoted(`${name.replace(/\.hapf$/i, '')}-recovered.hapf`)}`;
