@@ -195,6 +195,12 @@ class TestEncode:
         assert results(report("encode", "in/twice.npz", "it", cwd=tmp_path)) == {
             "twice.npz": "encoded"
         }
+        (tmp_path / "out" / "link.hapf").symlink_to(tmp_path / "it" / "twice.hapf")
+        for verb in ("verify", "catalogue", "recover"):
+            words = [verb, "out", *(["again"] if verb == "recover" else [])]
+            done = commands.run("archive", *words, cwd=tmp_path)
+            assert done.returncode == 0
+            assert b"link.hapf: a link out of its source is not followed" in done.stderr
 
     def test_a_link_that_takes_the_place_of_a_file(self, tmp_path: Path):
         """Between the search for files and the work on one."""

@@ -25,9 +25,9 @@ REQUIRED = {
 FOUND = {
     "npz": [0, 4, 42, 74],  # a place that the directory names: OSError of a seek
     "xdf": [81, 153, 181, 377],  # a chunk that is shorter than its fields: struct.error
-    "xdfz": [80, 216, 284, 966],  # BadGzipFile, which is an OSError
+    "xdfz": [80, 216, 284, 702],  # BadGzipFile, which is an OSError
     "bag": [327, 753, 872, 1270],  # OSError of a seek
-    "lerobot": [692],  # a file that the info names and that is not there
+    "lerobot": [692, 7263],  # a file that the info names: not there, or with a NUL in its name
 }
 """Numbers of mutants that ended in an exception which was not ours, by format."""
 

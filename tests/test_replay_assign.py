@@ -139,9 +139,9 @@ class TestWords:
             ("thumb 2", "thumb", "2"),
         ],
     )
-    def test_beside_others_that_are_not_known(self, label, name, word):
+    def test_next_to_others_that_are_not_known(self, label, name, word):
         said = refused([label], GLOVE5, command="play it")
-        assert f"beside '{name}', it says what is not understood: {word}\n" in said
+        assert f"it names '{name}', and has words that are not known: {word}\n" in said
         assert f"  play it --map '{label}={name}'\n" in said
         assert mapping([channel(label, body_site=f"right {name} finger")], GLOVE5) == {0: name}
 

@@ -1,8 +1,8 @@
 """Files, folders, patterns and URLs -> the files that are worked on, each with a name.
 
 A name is relative to the folder or pattern that found the file. Links to folders are not followed,
-so a loop of links ends nowhere. Links to files outside of the source are not followed either:
-whoever filled a folder decides nothing about the rest of the disk. Hidden files are left out.
+so a loop of links ends nowhere. Links to files outside of the source are not followed either, so
+that a folder from anyone shows no other file of the disk. Hidden files are left out.
 """
 
 from __future__ import annotations

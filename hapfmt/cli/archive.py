@@ -399,7 +399,7 @@ def report(
     if as_json:
         echo_json(summary.as_json())
         return summary.exit_code
-    show(summary, quiet=quiet and width_of() is None)
+    show(summary, quiet=quiet and width_of() is None and not summary.notes())
     return summary.exit_code
 
 

@@ -58,7 +58,7 @@ npz ods ogg opus parquet pdf pickle pkl png pt pth py so svg tar tdms tgz toml t
 xlsx xml xz yaml yml zarr zip zst
 """
 _MALFORMED = {None, errno.EINVAL, errno.EOVERFLOW}
-"""Of an OSError: of a library, or of a position that a file names and no file can have."""
+"""Numbers of an OSError that a library raises, or a position that no file can have."""
 _ABSENT = {errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG}
 FOREIGN = frozenset(f".{suffix}" for suffix in _OTHERS.split())
 """Suffixes of other formats: no .hapf file is written under them."""

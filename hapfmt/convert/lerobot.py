@@ -153,7 +153,7 @@ class Dataset:
 
         name = _FIELD.sub(number, pattern) if isinstance(pattern, str) else "{"
         outside = ".." in PurePosixPath(name).parts or PureWindowsPath(name).anchor
-        if re.search(r"[{}\\]", name) or outside or len(name) > 1000:
+        if re.search(r"[{}\\\0]", name) or outside or len(name) > 1000:
             raise ParameterError(f"{INFO}: data_path does not name a file of the dataset")
         return self.root / name
 

@@ -100,7 +100,7 @@ NEUTRAL = {
     "acceleration", "channel", "contact", "finger", "fingertip", "force", "hand", "normal", "on",
     "the", "tip", "vibration",
 }  # fmt: skip
-"""Words that may stand beside the name of an actuator, and alone name none."""
+"""Words that a text may have next to the name of an actuator. Alone they name none."""
 SHOWN = 12
 """Channels that a refusal lists."""
 ALIKE = 0.75
@@ -224,8 +224,8 @@ def apart(one: Sequence[str], other: Sequence[str]) -> bool:
 
 
 def evidence(ref: ChannelRef, actuator: Actuator) -> tuple[str, list[str]]:
-    """Why the words of a channel name an actuator, empty where they do not; and the words beside
-    the name that are not known, or name another hand, finger or axis too."""
+    """Return why the words of a channel name an actuator, empty where they do not, and its other
+    words that are not known, or name another hand, finger or axis."""
     part = ref.track.components[ref.index]
     own = {"label": part.label, "body site": part.body_site, "axis": part.axis}
     theirs = [words for text in (actuator.name, actuator.body_site) if (words := words_of(text))]
@@ -283,7 +283,7 @@ def by_words(channels: Sequence[ChannelRef], profile: Profile) -> Found:
         if reason != SAME and unknown[ref.number]:
             found.near[ref.number] = names_found
             found.faults[ref.number] = (
-                f"beside {names_found[0]!r}, it says what is not understood: "
+                f"it names {names_found[0]!r}, and has words that are not known: "
                 f"{listed(unknown[ref.number])}"
             )
             continue
@@ -448,7 +448,7 @@ def advice(
     *,
     by_order: bool,
 ) -> Iterator[tuple[str, str]]:
-    """What the user can do, and the options for it, which play as they stand."""
+    """Yield what the user can do, and the options for it, which play as they are."""
     chosen = {route.channel: profile.actuators[route.actuator].name for route in found.routes}
     lacking = [ref for ref in asked if ref.number in found.faults]
     for near_only in (True, False):  # the actuators that were meant go first
