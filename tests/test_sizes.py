@@ -176,10 +176,10 @@ def numbers(texts: list[str]) -> list[list[float]]:
 @pytest.mark.compiled
 class TestFiguresAreThoseOfToday:
     def test_sizes_of_a_scene(self):
-        row = next(row for row in shown("sizes") if row[0] == "sand")
-        recording = dict(sizes.scenes(sizes.SECONDS))["sand"]
-        ratios = [8 * recording.sample_count / sizes.ours(recording, x) for x in sizes.OURS]
-        assert ratios == about(row[-3:])
+        row = next(row for row in shown("sizes") if row[0] == "taps")
+        recording = dict(sizes.scenes(sizes.SECONDS))["taps"]
+        found = [8 * recording.sample_count / sizes.ours(recording, x) for x in sizes.OURS[:2]]
+        assert numbers([f"{each:.2f}" for each in found]) == about(row[-3:-1])
 
     def test_what_comes_back_of_a_small_file(self):
         row = shown("faults")[0]
@@ -199,8 +199,9 @@ class TestFiguresAreThoseOfToday:
     def test_compression_of_one_recording(self):
         path = next(p for p in files_in(measured.DATA) if str(p).endswith(f"{presets.FOAM}.npz"))
         recording = hapfmt.read(path)
-        ratios = [presets.measure(recording, each).ratio for each in presets.SETTINGS.values()]
-        assert ratios == about([row[-1] for row in shown("presets")])
+        found = [presets.measure(recording, each).ratio for each in presets.SETTINGS.values()]
+        told = [row[-1] for row in shown("presets")]
+        assert numbers([f"{each:.2f}" for each in found]) == about(told)
         assert [row[0].strip("`") for row in shown("presets")] == list(presets.SETTINGS)
 
     def test_intervals(self):
