@@ -76,6 +76,16 @@ def run_shown(command: Command, room: Path) -> None:
             shape(command.shown), shape(out), doctest.ELLIPSIS
         )
         assert same, f"$ {command.line}\n{out}{err}\n--- the page shows\n{command.shown}"
+        for then, now in sizes_in(command.shown, out):
+            near = abs(then - now) <= max(0.1 * now, 100)
+            assert near, f"$ {command.line}\n{now} bytes, the page shows {then}"
+
+
+def sizes_in(shown: str, out: str) -> list[tuple[int, int]]:
+    """Bytes that the page shows, and those of today, where all of the output is shown."""
+    texts = [re.findall(r"(\d+) bytes", text) for text in (shown, out)]
+    pairs = zip(*texts, strict=True) if len(texts[0]) == len(texts[1]) else ()
+    return [(int(then), int(now)) for then, now in pairs]
 
 
 def printed(command: Command, room: Path) -> tuple[int, str, str]:

@@ -66,7 +66,7 @@ class Job(NamedTuple):
 def load_all(data: Path, only: str, rate: str | None) -> Iterator[tuple[str, hapfmt.Recording]]:
     """(name, recording) of each file that can be read; the others are printed with the reason.
 
-    Of the project's own data, those that only show how labs store their files are left out.
+    It leaves out those of the project's own data that only show how labs store their files.
     """
     paths = [data] if data.is_file() else files_in(data)
     root = data.parent if data.is_file() else data
