@@ -220,7 +220,7 @@ class TestNpz:
             assert done.returncode == 1 and "CSV files do not use" in done.stderr
         for verb in (("verify", "a.hapf"), ("compare", "a.hapf", "a.hapf")):
             done = run(*verb, "--keep-stamps", cwd=tmp_path)
-            assert done.returncode == 1 and "--keep-stamps is for inputs of other" in done.stderr
+            assert done.returncode == 1 and "--keep-stamps requires --against" in done.stderr
 
     def test_an_option_counts_for_the_inputs_that_use_it(self, tmp_path):
         tall = np.arange(600.0).reshape(200, 3)
