@@ -15,6 +15,7 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
+from spec import ROOT
 from terminal import called
 
 import hapfmt
@@ -259,6 +260,11 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_the_page_states_the_rule() -> None:
+    rule = (__doc__ or "").split("\n")[0]
+    assert rule in (ROOT / "docs" / "command-line.md").read_text("utf-8")
+
+
 def test_every_option_has_a_row_or_a_reason() -> None:
     reasons = {each for each in options() if each.rsplit(" ", 1)[1] in ALWAYS} | {*ALWAYS_IN}
     assert {*options()} - {*ROWS} == reasons - {*ROWS}
@@ -280,6 +286,7 @@ def test_an_option_that_cannot_act_says_so(
 
 READ_ALWAYS = {
     "file": "is required",
+    "others": "is refused, and the keyword that was meant is named",
     "format": "chooses the reader",
     "threads": "sets how the work is done, not what is done",
     "limits": "is a bound",

@@ -467,7 +467,7 @@ def options_by_input(
         for name in users or others:  # where none uses it, its reader says so
             found[name][option] = value
         if not others:
-            raise ParameterError(f"{option_of(option)} is for inputs of other formats than .hapf")
+            raise ParameterError(f"{option_of(option)} {FOREIGN_ONLY}")
     return found
 
 
@@ -478,10 +478,13 @@ def refuse_idle(reason: str, **given: Any) -> None:
             raise ParameterError(f"{option_of(name)} {reason}")
 
 
+FOREIGN_ONLY = "is for inputs of other formats than .hapf"
+
+
 def refuse_format(input_format: str | None, *names: str | None) -> None:
     """ParameterError for an --input-format where all of these inputs are .hapf files."""
     if all(name is None or name.lower().endswith(HAPF) for name in names):
-        refuse_idle("is for inputs of other formats than .hapf", input_format=input_format)
+        refuse_idle(FOREIGN_ONLY, input_format=input_format)
 
 
 def option_of(name: str) -> str:
@@ -513,7 +516,7 @@ def load_recording(
     select = asked.pop("select", ())
     if asked:
         option = option_of(next(iter(asked)))
-        raise ParameterError(f"{option} is for inputs of other formats than .hapf", path=name)
+        raise ParameterError(f"{option} {FOREIGN_ONLY}", path=name)
     if labels is not None or unit is not None:
         raise ParameterError(
             "--labels and --unit require .npz, .npy, .csv or .wav input", path=name

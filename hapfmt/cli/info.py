@@ -29,14 +29,16 @@ from ..reading.follow import Follower
 from ..reading.opening import open_catalogue
 from ..units import unit_text
 from .common import (
+    FOREIGN_ONLY,
     HAPF,
+    asked_of,
     echo_json,
     import_options,
     input_format_option,
     input_of,
     json_option,
     memory_option,
-    options_by_input,
+    refuse_idle,
     schema_option,
     tell_some,
 )
@@ -165,7 +167,7 @@ def info(
         if follow:
             raise ParameterError("--follow requires a .hapf file", path=file)
         return show_foreign(file, input_format, events, as_json, max_memory, **given)
-    options_by_input((file,), HAPF, given)  # a .hapf file takes none of them
+    refuse_idle(FOREIGN_ONLY, **asked_of(given))
     if follow:
         if events:
             raise ParameterError("give one of --events and --follow")
