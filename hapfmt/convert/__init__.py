@@ -267,12 +267,11 @@ def _reading(chosen: Format, source: Source) -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        reason = str(error).partition("\n")[0] or type(error).__name__
         if error.errno in _MALFORMED:
-            reason = str(error).partition("\n")[0] or type(error).__name__
             raise ParameterError(f"this {chosen.title} file is malformed: {reason}") from error
         if source.is_folder and error.errno in _ABSENT and source.path.exists():
-            lacking = Path(str(error.filename)).name
-            raise ParameterError(f"this {chosen.title} folder has no file {lacking!r}") from error
+            raise ParameterError(f"this {chosen.title} folder lacks a file: {reason}") from error
         if error.filename is None and source.name is not None:
             error.filename = source.name
         raise
