@@ -239,7 +239,7 @@ def main(data: Path, only: str, write: bool) -> None:
         similar = ["ST-SIM, median", "ST-SIM, worst tenth", "CPU s", "textures"]
         print_table([*headers, *similar], lines)
         if write:
-            write_rows("textures", [row[:-2] for row in lines])
+            write_rows("textures", [[*row[:3], *row[4:6]] for row in lines])
         for file, recording in recordings.items():
             if file.endswith(FOAM):
                 lines = list(weighted(recording))
