@@ -800,7 +800,7 @@ def line(edited: Edited) -> str:
     if edited.start is not None and edited.stop is not None:
         span = f"{float(edited.start):.6g} s to {float(edited.stop):.6g} s"
     if edited.asked and edited.rounded:
-        start, stop = ("" if end is None else f"{float(end):.6g}{JOINED}s" for end in edited.asked)
+        start, stop = ("" if end is None else f"{float(end):.6g} s" for end in edited.asked)
         span += f" (asked for {start or 'the start'} to {stop or 'the end'})"
     return (
         f"{edited.file_size} bytes, {counted(len(edited.channels), 'channel')}, {span}, "
