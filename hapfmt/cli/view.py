@@ -149,7 +149,9 @@ def write(served: Sequence[ServedFile], page: str, force: bool) -> None:
     with progress("writing") as advance:
         size = export(served, output_of(page), force=force, progress=advance)
     if size > LARGE:
-        note(f"{size // 1_000_000} MB are slow to open in a browser; hapfmt view FILE reads in parts")
+        note(
+            f"{size // 1_000_000} MB are slow to open in a browser; hapfmt view FILE reads in parts"
+        )
     tell_written(page, "a page with its data")
 
 
