@@ -75,7 +75,7 @@ class ServedFile(Closing):
 
 
 def open_regular(path: str, flags: int = 0) -> BinaryIO:
-    """ParameterError for a folder, a device or a pipe, which nobody may ever write to."""
+    """Open a regular file. ParameterError for a folder, a device or a pipe, which may never end."""
     descriptor = os.open(path, READ | flags)
     try:
         mode = os.fstat(descriptor).st_mode

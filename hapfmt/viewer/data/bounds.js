@@ -2,7 +2,7 @@
 
 const JOINED = '\u00a0'; // a space at which no line ends
 
-// A unit for people: nothing for the unit 1, and no braces around what is no unit of the SI.
+// Gives a unit for people: nothing for the unit 1, and raw for {raw}, as `unit_text` in hapfmt/units.py.
 export function unitText(unit) {
   if (!unit || unit === '1') return '';
   if (unit === '{count}') return 'counts';

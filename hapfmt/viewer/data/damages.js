@@ -17,7 +17,7 @@ export function damagesOf(file) {
   const add = ({ code, requirement, message, offset, size }, spans) => {
     if (!spans.length) found.push({ time0: null, time1: null, channels: null, code, requirement, message, offset, size });
     for (const { track: id, start, stop } of spans) {
-      const track = file.tracks.get(id); // what is lost of one that is left out concerns no channel
+      const track = file.tracks.get(id); // no channel needs a track that was left out
       found.push({
         time0: track ? secondsAt(track, start) : null, time1: track && stop !== null ? secondsAt(track, stop) : null,
         channels: track ? [...track.channels] : [], code, requirement, message, offset, size,

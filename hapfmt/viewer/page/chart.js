@@ -32,7 +32,7 @@ export function timeLabels(state, width) {
 }
 
 // group: { unit, lanes, flat }; a chart of several lanes has a colour for each, a chart of one a colour for each band.
-// A flat one has only the ends of its scale beside it.
+// A flat one shows only the ends of its scale.
 export class Chart {
   constructor(state, signals, group, parent) {
     Object.assign(this, { state, signals, group });
@@ -147,7 +147,7 @@ export class Chart {
     }
     const most = Math.max(2, Math.floor(this.plot.height / (this.plot.height > 120 ? 32 : 17)));
     let { step, values } = ticksBetween(low, high, most);
-    if (values.length < 2) ({ step, values } = ticksBetween(low, high, 2 * most)); // one number is no scale
+    if (values.length < 2) ({ step, values } = ticksBetween(low, high, 2 * most)); // a scale needs two numbers
     this.yLabels = axisLabels(values, step);
     return values.map((value) => (value - low) / (high - low));
   }

@@ -50,7 +50,7 @@ export class Panels {
     this.arrange();
   }
 
-  // Whether the names are beside the charts, and how much room they take.
+  // Decides whether the names stay left of the charts, and how much room they take.
   arrange() {
     const { state, rowHeight, width, root } = this;
     const flat = state.mode === 'stacked' && rowHeight < FLAT;

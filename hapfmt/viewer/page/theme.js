@@ -33,7 +33,7 @@ export function colorOfChannel(number) {
   return list[number % list.length];
 }
 
-// Of another version of what has a colour: half of it, and half of the ink.
+// Mixes a colour with the ink, for another version of the same channel.
 export function versionColor(color) {
   const parts = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16));
   const ink = parts(theme.colors.ink);
