@@ -259,7 +259,7 @@ def least(values: Iterable[float | None]) -> float | None:
 
 
 def compared(summary: Summary) -> str:
-    """Return the size against float64, and beside it the largest error of a lossy file."""
+    """Return the size against float64 with the largest error of a lossy file."""
     if not summary.sample_count or not summary.file_size:
         return counted(summary.sample_count, "sample")
     bits = 8 * summary.file_size / summary.sample_count

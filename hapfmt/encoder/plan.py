@@ -223,7 +223,7 @@ def check_error(settings: Settings, extent: float, error: float, label: str, uni
 
 
 def too_wide(settings: Settings, extent: float, error: float, label: str, unit: str) -> str:
-    """Return what the largest error is of the range of a channel, "" where that is no mistake."""
+    """Return the share that the largest error has of a range; "" where it is small enough."""
     if settings.allows_any_error or not error > LARGEST_SHARE * extent > 0:
         return ""
     amount = settings.max_error
