@@ -1604,7 +1604,7 @@ def known_samples(
     Without any other value all are samples that are NaN, because a channel of gaps has no length.
     """
     known = ~np.asarray(masked) & ~(np.isnan(x) if x.dtype.kind == "f" else np.zeros(x.shape, bool))
-    if known.any():
+    if known.any() or not x.size:
         return x, known
     return np.full(x.shape, np.nan), ~known
 
