@@ -729,7 +729,7 @@ class TestRealRecordings:
             steps = [NAN if c.lsb is None else c.lsb for c in recording.channels]
             assert np.array_equal(steps, arrays["lsb"], equal_nan=True)
             assert recording.metadata["source"] == arrays["source"]
-            notes = "\n".join(recording.metadata["notes"])
+            notes = "\n".join(recording.metadata.get("notes", []))
             assert "t" in arrays.files or "sample times" not in notes
         back = there_and_back(recording, "npz")
         assert [*map(facts, back.channels)] == [*map(facts, recording.channels)]
