@@ -217,6 +217,8 @@ class TestBounded:
         for one, other, source in zip(
             back, whole(found), (c for t in found.tables for c in t.columns), strict=True
         ):
+            if not one.stored.size and np.isnan(other.samples()).all():
+                continue  # a stream does not know that no number follows
             assert one.coverage == other.coverage
             if not other.stored.size or (source.dtype.itemsize == 8 and source.dtype.kind in "iu"):
                 continue
