@@ -451,7 +451,7 @@ class Copy:
         self.unharmed: set[int] = set()
         """Offsets of damaged DATA chunks of which every packet holds."""
         self.differs = False
-        """Whether the checksum of a track is wrong: then the file cannot be mended at its end alone."""
+        """Whether the checksum of a track is wrong: mending the end alone would leave it."""
         self.outrun: set[int] = set()
         """Tracks with packets behind their last digest, which is not of them (DGS-003)."""
 
