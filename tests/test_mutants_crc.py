@@ -57,6 +57,11 @@ def test_no_sample_is_delivered_and_lost(seed: int) -> None:
     check_recovered(mutant(seed), limits_of(seed))
 
 
+def test_a_wrong_digest_is_not_left_in_place(tmp_path: Path) -> None:
+    """Its track lacks another that is not understood, so that no digest of it was compared."""
+    check(18_815, tmp_path)
+
+
 def test_every_verb_has_its_turn() -> None:
     assert 4 * len(VERBS) <= FEWEST * PER_FILE
     assert len(seeds()) > 500

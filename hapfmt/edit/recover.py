@@ -450,6 +450,8 @@ class Copy:
         self.digests = {id_: TrackDigest() for id_ in self.stored}
         self.unharmed: set[int] = set()
         """Offsets of damaged DATA chunks of which every packet holds."""
+        self.differs = False
+        """Whether the checksum of a track is wrong: mending the end alone would leave it."""
         self.outrun: set[int] = set()
         """Tracks with packets behind their last digest, which is not of them (DGS-003)."""
 
@@ -532,6 +534,7 @@ class Copy:
                 same = not catalogue.findings
             else:
                 same = self.digests[track].digest() == digest
+            self.differs |= not same and track in self.decoders
             if same and track not in self.outrun:
                 kept[track] = digest
             elif not same and track not in touched:
@@ -634,8 +637,9 @@ def survey(
         catalogue = from_walk(source, limits, tolerant=True, file_id=file_id)
         walked = [found for found in catalogue.findings if found.code not in HARMLESS]
         end = min((found.offset for found in walked), default=source.size)
-        done = Copy(catalogue, cast(BinaryIO, NullWriter()), 0, limits, progress).run()
-        tail = not done.empty_tracks and catalogue.head is not None
+        copy = Copy(catalogue, cast(BinaryIO, NullWriter()), 0, limits, progress)
+        done = copy.run()
+        tail = not (done.empty_tracks or copy.differs) and catalogue.head is not None
         tail = tail and all(found.offset >= end for found in done.findings)
         try:
             check_tail(catalogue, walked, end) if walked else None
