@@ -46,7 +46,7 @@ def noise(size: int, width: int = 300, seed: int = 1) -> np.ndarray:
 
 
 @pytest.mark.filterwarnings("ignore:no channel is known to be felt")
-@pytest.mark.filterwarnings("ignore:.* does nothing for .*: no step is known")
+@pytest.mark.filterwarnings("ignore:.* does nothing for .*. no step is known")
 class TestAnyRecording:
     @given(recordings(), encoder_settings())
     def test_comes_back_and_keeps_its_promises(self, recording, settings):

@@ -390,7 +390,7 @@ class TestPerceptual:
         asked, _ = decided(
             doubles(PUSH + 1 + 0.0004 * NOISE, "N"), Settings.of("perceptual", snr=9)
         )
-        assert asked.snr_db == pytest.approx(9, abs=0.3)
+        assert asked.snr_hf_db == pytest.approx(9, abs=0.3)
 
     def test_texture_far_below_the_weber_fraction_is_kept(self):
         """10 % is a law of slow forces; a vibration of 2 % of the force is felt."""
@@ -409,7 +409,7 @@ class TestPerceptual:
         assert decision.largest_error == pytest.approx(error) and error <= floor
         assert decision.size <= decided(channel, Settings.of("near-lossless"))[0].size
         strict, _ = decided(channel, Settings.of("perceptual", snr=20))
-        assert strict.snr_db == pytest.approx(20, abs=0.5)
+        assert strict.snr_hf_db == pytest.approx(20, abs=0.5)
         assert strict.size > decision.size
 
     def test_silence(self):
@@ -476,7 +476,7 @@ def recorded_parts(every: int, size: int, count: int) -> list[tuple[str, Recordi
 
 @pytest.mark.skipif(compiled is None, reason="slow without the extension, with the same bytes")
 @pytest.mark.filterwarnings("ignore:no channel is known to be felt")
-@pytest.mark.filterwarnings("ignore:max_error does nothing for .*: no step is known")
+@pytest.mark.filterwarnings("ignore:max_error does nothing for .*. no step is known")
 class TestLaw:
     """No lossy output is larger than the lossless one."""
 

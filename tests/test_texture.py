@@ -258,7 +258,7 @@ class TestSilence:
             MAKE[make](x, step=10_000) if make == "counts" else doubles(x)
         )
         _, _, alone = decided(doubles(x[loud]))
-        assert decision.snr_db == pytest.approx(20, abs=0.5)
+        assert decision.snr_hf_db == pytest.approx(20, abs=0.5)
         assert size < 1.25 * alone
         e = (back.samples() - x)[loud]
         fast = (x - slow_for_telling(x[:, None], 1000.0)[:, 0])[loud]
