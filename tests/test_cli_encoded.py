@@ -103,7 +103,7 @@ FLOATING = {
     "short": RNG.normal(size=(2, 700)).cumsum(axis=1),
     "a burst": np.where(abs(np.arange(200_000) - 9000) < 3000, 30, 1) * RNG.normal(size=200_000),
     "many": RNG.normal(size=(20, 9000)).cumsum(axis=1),
-    "a glitch": np.append(RNG.normal(size=200_000), 1e9),
+    "a glitch": np.append(RNG.normal(size=200_000), 1e6),
 }
 
 

@@ -100,6 +100,7 @@ def test_every_insertion(junk):
         check(TWO[:at] + junk + TWO[at:], CLEAN)
 
 
+@strategies.idle_settings
 @given(
     strategies.recordings(), strategies.encoder_settings(), st.sampled_from(["lf", "hf"]), st.data()
 )

@@ -10,7 +10,7 @@ import pytest
 from depth import either
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import encoder_settings, recordings
+from strategies import encoder_settings, idle_settings, recordings
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
@@ -45,8 +45,7 @@ def noise(size: int, width: int = 300, seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).integers(-width, width, size)
 
 
-@pytest.mark.filterwarnings("ignore:no channel is known to be felt")
-@pytest.mark.filterwarnings("ignore:.* does nothing for .*. no step is known")
+@idle_settings
 class TestAnyRecording:
     @given(recordings(), encoder_settings())
     def test_comes_back_and_keeps_its_promises(self, recording, settings):

@@ -116,8 +116,8 @@ def test_errors_of_any_size_are_shown(tmp_path, capsys):
     assert first["range"] is None and 1.9e307 < second["range"] < 2e307
     assert cli.main(["verify", a, "--against", b], standalone_mode=False) == 3
     first, second = [row.split() for row in capsys.readouterr().out.splitlines()[3:5]]
-    assert first[4:8] == ["inf", "N", "-", "-"]
-    assert 50 < float(second[7]) <= 100
+    assert first[5:9] == ["inf", "N", "-", "-"]
+    assert 50 < float(second[8]) <= 100
     pytest.importorskip("matplotlib", reason="pictures need matplotlib")
     picture = str(tmp_path / "a.png")
     assert cli.main(["plot", a, "--against", b, "-o", picture], standalone_mode=False) == 0

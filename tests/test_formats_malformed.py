@@ -72,10 +72,10 @@ def broken_npz(path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("verb", [["encode"], ["convert"], ["inspect"]])
+@pytest.mark.parametrize("verb", [["encode"], ["convert"], ["info"]])
 def test_the_command_line_names_the_file(tmp_path: Path, verb):
     path = broken_npz(tmp_path / "broken.npz")
-    out = [] if verb == ["inspect"] else [tmp_path / "out.hapf"]
+    out = [] if verb == ["info"] else [tmp_path / "out.hapf"]
     said = called(*verb, path, *out)
     assert said.code == 1
     assert said.err.startswith(f"hapfmt: {path}: ") and "malformed" in said.err

@@ -306,7 +306,7 @@ texture = 1 + 0.5 * numpy.sin(3 * t) + vibration
 stroke = texture - vibration * (abs(t - 0.4) > 0.3)
 signals = {
     "lattice": {"x": texture.round(3)}, "doubles": {"x": texture}, "stroke": {"x": stroke},
-    "vector": {"x": stroke.round(2), "y": texture.round(2), "z": texture.round(2) * 2},
+    "three": {"x": stroke.round(2), "y": texture.round(2), "z": texture.round(2) * 2},
     "gap": {"x": numpy.where(abs(t - 0.5) < 0.1, numpy.nan, texture.round(4))},
 }
 ways = [
@@ -314,7 +314,7 @@ ways = [
     {"preset": "perceptual"}, {"preset": "perceptual", "snr": 20},
     {"preset": "perceptual", "texture": False}, {"preset": "perceptual", "weighting": 0.25},
     {"preset": "perceptual", "synthetic_texture": True},
-    {"preset": "perceptual", "vectors": "required", "texture": False}, {"preset": "paper"},
+    {"preset": "paper"},
 ]
 for name, fields in signals.items():
     for options in ways if name == "stroke" else ways[:5]:

@@ -115,6 +115,7 @@ RECORD_OPTIONS: dict[str, str | tuple[str, str]] = {
     "fsync": ("- -i bare.txt --rate 1000 --fsync 2", "fsync is for files"),
     "on_full": ALLOWS,
     "append": ACTS,
+    "on_bad_line": ALLOWS,
     "at": ("OUT -i bare.txt --rate 1000 --at 3", "at requires append"),
     "clock_maps": ("OUT -i bare.txt --rate 1000 --clock-maps", "no clock was observed"),
     "canonical": ACTS,

@@ -221,6 +221,7 @@ def test_every_flip_in_the_clusters(channel, every, monkeypatch):
             assert {tick for _, tick in clean.keys() - have.keys()} <= lost
 
 
+@strategies.idle_settings
 @given(
     strategies.recordings(), strategies.encoder_settings(),
     st.sampled_from(["full", "lf", "hf"]), st.data(),

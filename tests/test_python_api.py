@@ -795,4 +795,4 @@ def test_a_summary_prints_a_line_for_each_channel(tmp_path):
     lines = repr(summary).split("\n")
     assert lines[0] == f"Summary: {summary.file_size} bytes, 1150 samples"
     assert len(lines) == 22 and lines[-1].startswith("  ... and 3 more channels (")
-    assert lines[1].startswith("  'ch1'   within 0.1 % of range  ") and lines[1].endswith(" N")
+    assert lines[1].startswith("  'ch1'   within 0.00427 N  ") and lines[1].endswith(" N")

@@ -179,6 +179,7 @@ EIGHT = Fraction(8, 1000)
 
 
 @pytest.mark.capped(False)  # threads decode what is long
+@strategies.idle_settings
 @given(strategies.recordings(), strategies.encoder_settings(), st.data())
 def test_a_part_is_a_slice_of_the_whole(recording, settings, data):
     """Reading [a, b) and slicing the whole give the same; so do the index and the walk."""
@@ -323,6 +324,7 @@ class TestDecodedOnly:
         assert stream.total < len(many_file) // 3
 
 
+@strategies.idle_settings
 @given(strategies.recordings(), strategies.encoder_settings())
 def test_files_that_are_written_are_intact(recording, settings):
     """

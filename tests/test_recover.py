@@ -82,6 +82,7 @@ def test_an_intact_file_comes_back_the_same():
     assert recovered(out.getvalue(), 3)[0] == out.getvalue()
 
 
+@strategies.idle_settings
 @given(
     strategies.recordings(),
     strategies.encoder_settings(),

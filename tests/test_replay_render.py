@@ -41,6 +41,7 @@ WIDEST = 200
 
 
 class TestEverySampleIsWhatThePageSays:
+    @strategies.idle_settings
     @given(
         strategies.recordings(),
         strategies.encoder_settings(),
@@ -95,6 +96,7 @@ class TestEverySampleIsWhatThePageSays:
                 if found is not None:
                     assert abs(values[n, i] - found[0]) <= found[1]
 
+    @strategies.idle_settings
     @given(strategies.recordings(), strategies.encoder_settings(), st.sampled_from(["full", "lf"]))
     def test_at_the_same_rate_samples_pass_bit_for_bit(self, recording, settings, band):
         channels = [c for c in recording.channels if c.stored.size]

@@ -192,6 +192,7 @@ class TestContracts:
     DBC-003: A verifier that is given x MUST check the contract with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right.
     """
 
+    @strategies.idle_settings
     @given(strategies.recordings(), strategies.encoder_settings())
     def test_guarantees_hold(self, recording, settings):
         out = io.BytesIO()

@@ -91,7 +91,7 @@ def decode(
     refuse_span(start, stop)
     with Reader(input_of(source), threads=threads, limits=max_memory, file_id=file_id) as reader:
         names = parse_channels(channels, [ref.label for ref in reader.channels])
-        reader.refuse_band(names, cast("Band", band))
+        reader.check_band(names, cast("Band", band))
         with progress("decoding") as advance:
             recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
         if (start is not None or stop is not None) and not recording.sample_count:

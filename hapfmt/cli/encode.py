@@ -406,7 +406,8 @@ _PRESET_OPTIONS = (
         "--force-error",
         is_flag=True,
         default=None,
-        help="near-lossless, perceptual: allow a --max-error above 10 % of a channel's range.",
+        help="near-lossless, perceptual: allow a --max-error in units or steps above 10 % of a "
+        "channel's range.",
     ),
     click.option(
         "--k",

@@ -388,7 +388,8 @@ def absolute_threshold(channel: Channel, settings: Settings) -> Tolerance | None
 def amount_text(amount: Tolerance) -> str:
     if amount.kind == "range":
         return f"{100 * amount.value:g} % of range"
-    return f"{amount.value:g} {'steps' if amount.kind == 'lsb' else amount.unit}".rstrip()
+    steps = "step" if amount.value == 1 else "steps"
+    return f"{amount.value:g} {steps if amount.kind == 'lsb' else amount.unit}".rstrip()
 
 
 LEAST = 64

@@ -6,6 +6,7 @@ The decoded numbers are compared with the stored checksums of tracks (dGST, SPEC
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from fractions import Fraction
 from typing import Any, BinaryIO
@@ -14,6 +15,7 @@ from uuid import UUID
 from ..clocks import ClockMap, ClockObservation, on_channels
 from ..errors import (
     HARMLESS,
+    DataWarning,
     FormatError,
     ParameterError,
     channels_called,
@@ -290,17 +292,15 @@ class Reader(Closing):
         labels = {number: ref.label for number, ref in by_number.items()}
         return [by_number[number] for number in channels_called(channels, labels)]
 
-    def refuse_band(self, channels: Sequence[str | int] | str | int | None, band: Band) -> None:
-        """ParameterError for a band that none of these channels has."""
+    def check_band(self, channels: Sequence[str | int] | str | int | None, band: Band) -> None:
+        """ParameterError for an HF band that none of these channels has; a DataWarning for LF."""
         parts = [part for ref in self.select(channels) for part in ref.parts]
-        if band in ("lf", "hf") and not any(
-            part.residual or part.track.kind != "full" for part in parts
-        ):
-            raise ParameterError(
-                f"no channel here is stored as a slow part and its texture, so band {band!r} would "
-                f"be {'all of it' if band == 'lf' else 'empty'}",
-                path=self.source.path,
-            )
+        if band == "full" or any(part.residual or part.track.kind != "full" for part in parts):
+            return
+        text = "no channel here is stored as a slow part and its texture, so band "
+        if band == "hf":
+            raise ParameterError(f"{text}'hf' would be empty", path=self.source.path)
+        warnings.warn(f"{text}{band!r} is all of it", DataWarning, stacklevel=3)
 
     def read(
         self,
@@ -574,7 +574,7 @@ def read(
     """
     whole = start is None and stop is None
     with Reader(file, limits=limits, strict=True, scan=whole, threads=threads) as reader:
-        reader.refuse_band(channels, band)
+        reader.check_band(channels, band)
         recording = reader.read(channels, start, stop, band=band, exact=exact)
         reader.refuse_damage()
         if start is not None:

@@ -152,7 +152,9 @@ def variants(source: Source, percent: float, bits: int) -> list[Changed]:
          hapfmt.Settings.of("perceptual", k=usual.k, floor=usual.floor),
          "the texture to 20 dB, coded for size"),
         ("this format's preset `near-lossless`, half that step",
-         hapfmt.Settings.of("near-lossless", max_error=Tolerance(paper.step / 2)),
+         hapfmt.Settings.of(
+             "near-lossless", max_error=Tolerance(paper.step / 2), force_error=True
+         ),
          "prediction instead of split and knots"),
     ):  # fmt: skip
         point = measure(source, chosen)

@@ -56,7 +56,8 @@ def file_of(*channels: Channel, settings: Settings | None = None) -> bytes:
 def back(channel: Channel, preset: str = "perceptual", band: str = "full", **given: Any) -> Channel:
     """The channel from a file with these settings."""
     data = file_of(channel, settings=Settings.of(preset, **given))
-    return hapfmt.read(data, band=band).channels[0]  # type: ignore[arg-type]
+    with hapfmt.Reader(data, strict=True) as reader:
+        return reader.read(band=band).channels[0]  # type: ignore[arg-type]
 
 
 def same_bits(x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.bool_]:
