@@ -334,7 +334,7 @@ class Recorder:
         file's notes and a warning count dropped samples.
     append
         continue an existing file. Inputs with the label, rate and unit of a channel continue it;
-        others become new channels. A warning tells what was cut off a damaged end.
+        others become new channels. A warning names the losses of a damaged end.
     at
         with ``append``: second of the first new sample; "now": by the epoch; None: the end.
     epoch_ns

@@ -379,7 +379,7 @@ class Start:
         self.ends: list[int] = []
         self.notes: list[str] = []
         self.cut: str | None = None
-        """What was cut off the end of the file that is appended to."""
+        """The note of bytes cut off the end of the file that is appended to."""
         self.metadata = dict(options.metadata)
         self.written: dict[str, Any] = {}
         """The metadata in the file."""
