@@ -374,7 +374,7 @@ class TestCutFiles:
             size = third.stop - 1 - third.offset
             note = (
                 f"appending: {size} bytes at {third.offset} were cut off, from a cluster, "
-                "and 2 of its packets written again"
+                "and 2 of its packets written again; lost: c1 from 0.2 s to 0.3 s"
             )
             assert more.note == note
             assert more.catalogue.metadata["notes"] == ["made by hand", note]

@@ -54,6 +54,19 @@ def test_a_table_then_more_of_it(tmp_path):
     x, y = hapfmt.read(path).channels
     assert x.coverage == (Span(0, 2510),) and x.unit == "N"
     assert y.samples()[2500:].tolist() == [n / 8 for n in range(10)]
+    table = ["--rate", "500", "--labels", "a,b", "--append"]
+    code, out, err = run(b"1,2\n", path, *table, "--unit", "N")
+    assert (code, err) == (
+        0,
+        "note: adds 2 channels to the file: a (500 Hz in N), b (500 Hz in N)\n",
+    )
+    code, out, err = run(b"1,2\n", path, *table)
+    assert code == 1 and "a.hapf: 'a' is 500 Hz in N in the file, not 500 Hz in no unit" in err
+    Path(path).write_bytes(Path(path).read_bytes() + b"rubbish")
+    code, out, err = run(b"1,2\n", path, *table, "--unit", "N")
+    assert code == 0 and err.startswith("note: appending: 7 bytes at ")
+    assert err.endswith(" append to that one\n")
+    table = ["--rate", "1000", "--labels", "x,y", "--unit", "N"]
     assert run(rows, path, *table, "--force")[0] == 0
     assert hapfmt.read(path).channels[0].coverage == (Span(0, 2500),)
 

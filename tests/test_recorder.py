@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 import warnings
+from contextlib import nullcontext
 from fractions import Fraction
 
 import numpy as np
@@ -21,7 +22,7 @@ from spec import ROOT
 
 import hapfmt
 from hapfmt import Calibration, Channel, Input, Recorder, Recording, Settings, Span
-from hapfmt.errors import DataWarning, LimitError, ParameterError
+from hapfmt.errors import DataWarning, HapfmtError, LimitError, ParameterError
 from hapfmt.recording import spans_of
 from hapfmt.writing.clusters import ClusterGrid, SampleRows
 
@@ -612,7 +613,10 @@ def test_append(tmp_path, end):
     if end != "closed":
         path.write_bytes(data + (b"" if end == "open" else data[-90:-40]))
     again = [Input("x", 10, "m"), counts_input("new"), counts_input()]
-    with Recorder(path, again, append=True, at=Fraction(3)) as recorder:
+    torn = pytest.warns(DataWarning, match="50 bytes at .* were cut off, no whole chunk")
+    with torn if end == "torn" else nullcontext():
+        recorder = Recorder(path, again, append=True, at=Fraction(3))
+    with recorder:
         recorder.write("x", [1.0])
         recorder.write("force", [7, 8])
         recorder.write("new", [9])
@@ -635,6 +639,58 @@ def test_append(tmp_path, end):
     assert back.metadata["notes"][-1].startswith("appended from 3 s on by hapfmt")
     with pytest.raises(ParameterError, match=r"ends at 3.501 s: nothing is appended at 2 s"):
         Recorder(path, again, append=True, at=2)
+
+
+def test_append_to_a_damaged_file_is_refused_or_goes_to_the_end(tmp_path):
+    """Whatever byte is wrong: no sample is appended before the end of the recording."""
+    path = tmp_path / "damaged.hapf"
+    with Recorder(path, [counts_input()], canonical=5) as recorder:
+        recorder.write("force", np.arange(2500) % 50)
+    whole, refused = path.read_bytes(), 0
+    for at in range(0, len(whole), 5):
+        damaged = bytearray(whole)
+        damaged[at] ^= 16
+        path.write_bytes(damaged)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)
+            try:
+                with Recorder(path, [counts_input()], append=True) as recorder:
+                    assert recorder.lanes.start_s == Fraction(5, 2)
+            except HapfmtError as error:
+                assert error.path == str(path) and path.read_bytes() == damaged
+                refused += "damaged before its end" in str(error)
+    assert refused > len(whole) // 20
+
+
+def test_append_tells_what_a_cut_end_has_lost(tmp_path):
+    path = tmp_path / "cut.hapf"
+    with Recorder(path, [counts_input(), counts_input("x")]) as recorder:
+        for label in ("force", "x"):
+            recorder.write(label, np.random.default_rng(1).integers(0, 99, 1000))
+    with hapfmt.Reader(path, scan=True) as reader:
+        (cluster,) = reader.catalogue.data
+    path.write_bytes(path.read_bytes()[: cluster.offset + cluster.size])
+    told = "lost: x from 0 s to 1 s. If another copy of the file is whole, append to that one"
+    with (
+        pytest.warns(DataWarning, match=told),
+        Recorder(path, [counts_input("x")], append=True) as recorder,
+    ):
+        recorder.write("x", [1])
+    assert "lost: x from 0 s to 1 s" in hapfmt.read(path).metadata["notes"][0]
+
+
+def test_append_with_a_label_of_another_rate_or_unit_is_refused(tmp_path):
+    path = tmp_path / "labels.hapf"
+    with Recorder(path, [Input("x", 10, "m"), Input("x", 10, "N")]) as recorder:
+        recorder.write_rows([[1.0, 2.0]])
+    before = path.read_bytes()
+    for other, told in (
+        (Input("x", 20, "N"), r"'x' is 10 Hz in m and 10 Hz in N in the file, not 20 Hz in N: "),
+        (Input("x", 10), "not 10 Hz in no unit: give it that rate and unit, or another label"),
+    ):
+        with pytest.raises(ParameterError, match=told) as caught:
+            Recorder(path, [other], append=True)
+        assert caught.value.path == str(path) and path.read_bytes() == before
 
 
 def test_append_at_the_end_and_at_the_wall_clock(tmp_path):

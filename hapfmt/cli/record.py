@@ -46,6 +46,9 @@ PIECE = 1 << 16
 SHOWN_S = 0.5
 """Seconds between two lines of status."""
 
+NAMED = 10
+"""Most channels that a line names."""
+
 LOST = 3
 """Exit code: done with loss (SPEC clause 13)."""
 
@@ -150,6 +153,7 @@ def record(
     """
     from ..encoder.settings import Settings, renamed
     from ..writing.recorder import Recorder
+    from ..writing.start import sampled
     from ..writing.streams import BareTable, InputStream
 
     given["felt"] = given["felt"] or None
@@ -164,7 +168,15 @@ def record(
             note(each)
         file: str | BinaryIO = sys.stdout.buffer if target == "-" else target
         more = header.given if not append else {}
-        return Recorder(file, header.inputs, settings, metadata=header.metadata, **options, **more)
+        recorder = Recorder(
+            file, header.inputs, settings, metadata=header.metadata, **options, **more
+        )
+        new = [member.input for member in recorder.lanes.members if append and member.is_new]
+        if new:
+            told = [f"{each.label} ({sampled(each.rate, each.unit)})" for each in new[:NAMED]]
+            rest = ["..."] if len(new) > NAMED else []
+            note(f"adds {counted(len(new), 'channel')} to the file: {', '.join(told + rest)}")
+        return recorder
 
     table = BareTable(rate, labels.split(",") if labels else (), unit, lsb)
     began = time.monotonic()
@@ -222,7 +234,7 @@ def summary(status: Status) -> str:
 
 def dropped(status: Status) -> str:
     """The dropped samples of the first few channels."""
-    parts = [f"{label} {count}" for label, count in list(status.dropped.items())[:10]]
+    parts = [f"{label} {count}" for label, count in list(status.dropped.items())[:NAMED]]
     return f"dropped {counted(status.dropped_count, 'sample')}: {', '.join(parts)}"
 
 

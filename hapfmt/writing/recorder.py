@@ -334,7 +334,7 @@ class Recorder:
         file's notes and a warning count dropped samples.
     append
         continue an existing file. Inputs with the label, rate and unit of a channel continue it;
-        others become new channels.
+        others become new channels. A warning names the losses of a damaged end.
     at
         with ``append``: second of the first new sample; "now": by the epoch; None: the end.
     epoch_ns
@@ -404,6 +404,12 @@ class Recorder:
         self.warned = False
         self.worker.thread.start()
         self.finalizer = weakref.finalize(self, shut, self.queue, self.worker, os.getpid())
+        if start.cut:
+            warnings.warn(
+                f"{start.cut}. If another copy of the file is whole, append to that one",
+                DataWarning,
+                stacklevel=2,
+            )
 
     def __enter__(self) -> Recorder:
         return self

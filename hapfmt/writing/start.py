@@ -20,7 +20,7 @@ from ..clocks import ClockObservation
 from ..encoder.live import Input, LiveEncoder, by_label, check_inputs
 from ..encoder.settings import Settings
 from ..errors import HARMLESS, HapfmtError, ParameterError
-from ..format.cluster import Packet, parse_rows, parse_table_head, salvage_cluster
+from ..format.cluster import MissingPackets, Packet, parse_rows, parse_table_head, salvage_cluster
 from ..format.extras import build_metadata
 from ..format.source import ByteSource
 from ..format.track import Track, TrackTable, missing_channels, paired, parse_description
@@ -29,8 +29,10 @@ from ..format.wire import HEADER_SIZE, check_file_id
 from ..limits import LAST_TRACK_ID
 from ..numbers import exact
 from ..reading.catalogue import Catalogue, ChunkRef
+from ..reading.damage import DamageReport, LostSpan
 from ..reading.opening import open_catalogue
 from ..recording import Recording
+from ..units import unit_text
 from ..version import __version__
 from .clusters import Clusters, Layers, Observed
 from .file import LiveFile, Pipe, RecordingOutput, SyncPolicy, create_live, open_live
@@ -43,9 +45,12 @@ TAIL = frozenset({"truncated", "bad-payload", "garbage", "other-file"})
 NOTHING_IN = frozenset({"HEAD", "TRAK", "iNDX", "fOOT"})
 """Chunks that are written again, or held no data yet."""
 
-RECOVER = "run: hapfmt recover"
+RECOVER = "first run: hapfmt recover FILE OUT"
 PIECE = 1 << 16
 """Bytes looked at in one go."""
+
+SHOWN = 4
+"""Losses named in a note."""
 
 
 class Appending:
@@ -127,14 +132,14 @@ def open_append(
         end = min((found.offset for found in findings), default=file.size)
         if findings:
             check_tail(catalogue, findings, end)
-        rescued = salvage(catalogue, end)
+        rescued, lost = salvage(catalogue, end)
         kept = drop_incomplete(catalogue, end)
         if kept < end:
             message = "incomplete track descriptions"
             findings.insert(0, Finding("truncated", kept, end - kept, message, "TRK-012"))
         if findings and not repair:
             raise ParameterError("its end is damaged and cannot be mended", offset=kept)
-        note = note_of(catalogue, findings, rescued)
+        note = note_of(catalogue, findings, rescued, lost)
         file.size = kept
         catalogue.findings = [found for found in catalogue.findings if found.code in HARMLESS]
         catalogue.chunks = [ref for ref in catalogue.chunks if ref.offset < kept]
@@ -180,16 +185,23 @@ def zeros(source: ByteSource, start: int) -> bool:
     )
 
 
-def salvage(catalogue: Catalogue, end: int) -> list[Packet | None]:
-    """The packets of the cluster at ``end`` that was cut; None for each that is lost."""
+def salvage(catalogue: Catalogue, end: int) -> tuple[list[Packet], list[LostSpan] | None]:
+    """The packets of the cluster at ``end`` that was cut, and the spans of those that are lost;
+    None where some of these are not known."""
     ref = next((ref for ref in catalogue.chunks if ref.offset >= end), None)
     chunk = read_chunk(catalogue.source, end) if ref and ref.type == "DATA" else None
     if chunk is None or not chunk.header.known:
-        return []
+        return [], []
     sizes = (chunk.header.payload_size, len(chunk.payload))
     tracks, level, at = catalogue.tracks, catalogue.level, chunk.payload_offset
-    items = salvage_cluster(chunk.payload, tracks, level, at, chunk.header.cluster_seed, sizes)
-    return [item if isinstance(item, Packet) else None for item in items]
+    items = list(
+        salvage_cluster(chunk.payload, tracks, level, at, chunk.header.cluster_seed, sizes)
+    )
+    gaps = [item for item in items if isinstance(item, MissingPackets)]
+    rows = [row for gap in gaps for row in gap.missing]
+    spans = [LostSpan(row.track, row.start, row.stop) for row in rows]
+    known = all(gap.missing for gap in gaps)
+    return [item for item in items if isinstance(item, Packet)], spans if known else None
 
 
 def drop_incomplete(catalogue: Catalogue, end: int) -> int:
@@ -221,7 +233,10 @@ def described(catalogue: Catalogue, refs: Sequence[ChunkRef]) -> TrackTable:
 
 
 def note_of(
-    catalogue: Catalogue, findings: Sequence[Finding], packets: Sequence[Packet | None]
+    catalogue: Catalogue,
+    findings: Sequence[Finding],
+    packets: Sequence[Packet],
+    lost: Sequence[LostSpan] | None,
 ) -> str | None:
     """What people should know of the end that was cut off; None where nothing was in it."""
     if not findings:
@@ -236,16 +251,20 @@ def note_of(
         return f"{where}, no whole chunk"
     if cut[0].type != "DATA":
         return f"{where}, from a chunk {cut[0].type}"
-    kept = sum(packet is not None for packet in packets)
-    return f"{where}, from a cluster, and {kept} of its packets written again"
+    spans = ["which samples were lost is unknown"]
+    if lost is not None:
+        spans = DamageReport(catalogue, lost).losses() or ["no sample was lost"]
+    more = [f"{len(spans) - SHOWN} more such losses"] if len(spans) > SHOWN else []
+    told = "; ".join([*spans[:SHOWN], *more])
+    return f"{where}, from a cluster, and {len(packets)} of its packets written again; {told}"
 
 
 def write_again(
-    writer: FileWriter, catalogue: Catalogue, packets: Sequence[Packet | None], note: str | None
+    writer: FileWriter, catalogue: Catalogue, packets: Sequence[Packet], note: str | None
 ) -> None:
     """The packets that were saved, and the note, over what is cut off: they need no room."""
     offset = writer.offset
-    writer.cluster([packet for packet in packets if packet is not None])
+    writer.cluster(packets)
     notes = catalogue.metadata.get("notes", [])
     if note and isinstance(notes, list):
         writer.metadata({"notes": [*notes, note]})
@@ -263,14 +282,19 @@ def write_again(
 
 
 def track_ends(catalogue: Catalogue) -> dict[int, int]:
-    """The tick after the last packet of each track that has any; of a file without damage."""
+    """The tick after the last packet of each track that has any.
+
+    Raises ParameterError where damage to a cluster hides the end of a track.
+    """
     ends: dict[int, int] = {}
     for ref in reversed(catalogue.data):
         if len(ends) == len(catalogue.tracks):
             break
         chunk = read_chunk(catalogue.source, ref.offset)
         if chunk is None or not chunk.intact:
-            continue
+            raise ParameterError(
+                f"damaged before its end (bad-payload); {RECOVER}", offset=ref.offset
+            )
         head = parse_table_head(chunk.payload, catalogue.level, chunk.payload_offset)
         found: dict[int, int] = {}
         for row in parse_rows(chunk.payload, head):
@@ -354,6 +378,8 @@ class Start:
         self.policy = SyncPolicy(options.fsync)
         self.ends: list[int] = []
         self.notes: list[str] = []
+        self.cut: str | None = None
+        """The note of bytes cut off the end of the file that is appended to."""
         self.metadata = dict(options.metadata)
         self.written: dict[str, Any] = {}
         """The metadata in the file."""
@@ -449,6 +475,7 @@ class Start:
             if options.clock_maps:
                 self.observed = catalogue.clocks
                 self.observed_on = {ref.number: ref.track.id for ref in catalogue.channels}
+            self.cut = found.note
             notes = catalogue.metadata.get("notes", [])
             self.notes = [note for note in notes if isinstance(note, str)]
             if found.note and found.note not in self.notes:
@@ -456,8 +483,10 @@ class Start:
             self.notes.append(
                 f"appended from {float(self.start_s):.9g} s on by hapfmt {__version__}"
             )
-        except BaseException:
+        except BaseException as error:
             found.__exit__(None, None, None)
+            if isinstance(error, HapfmtError):
+                error.at(path=found.file.path)
             raise
 
     def closing(self, metadata: dict[str, Any]) -> dict[str, Any]:
@@ -488,9 +517,12 @@ class Start:
 
     def match(self, channels: Sequence[Any], inputs: Sequence[Input]) -> list[FileChannel]:
         """Inputs and their channels in the file: those of the same label, rate and unit, each
-        once; else new ones."""
+        once; else new ones.
+
+        Raises ParameterError for a new one with the label of a channel that no input continues.
+        """
         free = list(channels)
-        members = []
+        members: list[FileChannel] = []
         for given in inputs:
             same = (given.label, given.rate, given.unit)
             for ref in free:
@@ -502,9 +534,26 @@ class Start:
                     break
             else:
                 members.append(FileChannel(given, self.number()))
+        for given in (member.input for member in members if member.is_new):
+            held = " and ".join(
+                sampled(ref.track.rate, ref.track.components[ref.index].unit)
+                for ref in free
+                if given.label and ref.label == given.label
+            )
+            if held:
+                raise ParameterError(
+                    f"{given.label!r} is {held} in the file, not "
+                    f"{sampled(given.rate, given.unit)}: give it that rate and unit, or another "
+                    "label"
+                )
         if self.next_number > LAST_TRACK_ID:
             raise ParameterError(f"a recording has at most {LAST_TRACK_ID} channels")
         return members
+
+
+def sampled(rate: Fraction, unit: str) -> str:
+    """Say the rate and unit of a channel."""
+    return f"{float(rate):g} Hz in {unit_text(unit) or 'no unit'}"
 
 
 def last_track(ref: Any) -> Track:
