@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ..edit import Edited, Original
     from ..encoder.settings import Tolerance
     from ..lab.parts import Parts
+    from ..reading.damage import DamageReport
     from ..reading.reader import Reader
     from ..recording import Recording
 
@@ -659,10 +660,10 @@ def contents(found: Recording | Import) -> str:
     return f"{counted(len(found.labels), 'channel')}, {times}{JOINED}s"
 
 
-def tell_losses(reader: Reader) -> int:
+def tell_losses(reader: Reader, damage: DamageReport | None = None) -> int:
     """What is wrong with a file that was read, on standard error; the exit code (SPEC 13)."""
     name = reader.source.path or "input"
-    lines = [f"{name}: {line}" for line in reader.damage().lines()]
+    lines = [f"{name}: {line}" for line in (damage or reader.damage()).lines()]
     if reader.source.path and reader.exit_code == DAMAGED:
         lines.append(f"for details, run: hapfmt verify -v {shlex.quote(reader.source.path)}")
     tell_some(lines)

@@ -128,7 +128,7 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
                     f"{name_of(check)}: the original is up to {check.moved:.6g} away from its "
                     f"grid, the file states {check.stated:.6g}"
                 )
-    if report.file_code == DAMAGED and report.damage:
+    if report.file_code == DAMAGED and report.damage and report.packets:
         command = f"hapfmt recover {shlex.quote(file)} OUT"
         these = "this packet" if report.packets == 1 else f"these {report.packets} packets"
         complain(f"to keep {these}, run: {command}")
