@@ -308,7 +308,8 @@ class DamageReport:
             end = catalogue.source.size
             size = sum(min(stop, end) - min(start, end) for start, stop in areas)
             lines.append(f"damage in {places}, {size} bytes: {', '.join(kinds)}")
-        lines += [f"{each.message} (file_id=)" for each in found if each.code == "other-file"]
+        way = "hapfmt decode --file-id reads the other"
+        lines += [f"{each.message}; {way}" for each in found if each.code == "other-file"]
         losses = self.losses()
         lines += losses
         if found and not losses:
