@@ -206,6 +206,10 @@ def test_the_length_is_that_of_the_packets_found(tmp_path):
     assert b" 6.5625 s, " in run("info", "cut.hapf", cwd=tmp_path).stdout
     done = run("decode", "cut.hapf", "o.npz", "--start", "6", cwd=tmp_path)
     assert done.returncode == 3 and b"0 s to the end" in done.stderr
+    (tmp_path / "start.hapf").write_bytes(data[:offset])
+    found = json.loads(run("info", "start.hapf", "--json", cwd=tmp_path).stdout)
+    assert found["duration_s"] is None
+    assert b"of unknown length" in run("info", "start.hapf", cwd=tmp_path).stdout
 
 
 def test_the_picture_counts_the_channels_that_verify_names():
