@@ -117,6 +117,142 @@ def test_a_cut_in_the_only_cluster(tmp_path):
     assert b"from 6.5625 s" not in done.stderr
 
 
+def cut_out(data: bytes, start: int, stop: int) -> bytes:
+    return data[:start] + data[stop:]
+
+
+def damaged_files(data: bytes) -> dict[str, bytes]:
+    places = clusters(data)
+    (second, size), (fifth, _), last = places[1], places[4], len(data) - 30
+    flip = flipped(data, second + size // 2)
+    return {
+        "flipped, with its index": flip,
+        "flipped, without an index": flipped(flip, last),
+        "a cluster is missing": cut_out(data, second, second + size),
+        "a cluster and the index are missing": flipped(
+            cut_out(data, second, second + size), last - size
+        ),
+        "cut": data[: fifth + 60],
+        "flipped and cut": flip[: fifth + 60],
+    }
+
+
+def ticks_lost(reader: Reader, first: int, last: int) -> set[tuple[int, int]]:
+    """(track, tick) of all that is lost within some ticks."""
+    return {
+        (span.track, tick)
+        for span in reader.lost
+        for tick in range(max(first, span.start), last if span.stop is None else span.stop)
+        if tick < last
+    }
+
+
+@pytest.mark.parametrize("kind", damaged_files(encoded(recording(), hapfmt.Settings(cluster=1))))
+def test_a_part_lost_what_the_whole_file_lost_there(kind, files):
+    data = damaged_files((files / "t.hapf").read_bytes())[kind]
+    whole = Reader(data, scan=True)
+    whole.read()
+    for start, stop in [(0, 1), (1, 2), (1.5, 1.75), (2, 5), (3, 4), (4.5, 6), (5, 6.5)]:
+        with Reader(data) as part:
+            read = part.read(None, start, stop)
+            first, last = int(start * 240), int(stop * 240)
+            lost = ticks_lost(part, first, last)
+            assert lost == ticks_lost(whole, first, last), (start, stop)
+            closed = [span for span in part.lost if span.stop is not None]
+            assert all(first <= span.start < span.stop <= last for span in closed)
+            for ref, channel in zip(part.channels, read.channels, strict=True):
+                for span in channel.coverage:
+                    assert not lost & {
+                        (ref.track.id, tick) for tick in range(span.start, span.start + span.ticks)
+                    }
+
+
+def test_a_report_on_a_part_says_so(files):
+    """No line about a part sounds as if it were about the file."""
+    data = (files / "t.hapf").read_bytes()
+    bad = damaged_files(data)["flipped, without an index"]
+    (files / "bad.hapf").write_bytes(bad)
+    for start, said in (("1", "lost: "), ("3", "no sample of this part is known to be lost")):
+        for words in (["decode", "bad.hapf", "o.npz"], ["plot", "bad.hapf", "-o", "o.svg"]):
+            more = ["--start", start, "--stop", str(int(start) + 1), "--force"]
+            done = run(*words, *more, cwd=files)
+            assert done.returncode == 3, words
+            assert said in done.stderr.decode()
+            assert "this is about the part that was read" in done.stderr.decode()
+        assert "hapfmt verify checks all" in (files / "o.svg").read_text()
+    assert "about the part" not in run("decode", "bad.hapf", "o.csv", cwd=files).stderr.decode()
+    assert "about the part" not in run("verify", "bad.hapf", cwd=files).stderr.decode()
+
+
+def test_where_nothing_can_be_read_nothing_is_said_to_be_kept(files):
+    data = (files / "t.hapf").read_bytes()
+    start = clusters(data)[0][0]
+    (files / "zero.hapf").write_bytes(bytes(len(data) - 100) + data[-100:])
+    (files / "head.hapf").write_bytes(data[: start + 20])
+    for name, said in (("zero", "what was in it is not known"), ("head", "lost in 7 channels")):
+        done = run("verify", f"{name}.hapf", cwd=files)
+        text = done.stderr.decode()
+        assert done.returncode == 3 and said in text, text
+        assert "no sample is known" not in text and "recover" not in text
+
+
+def test_the_length_is_that_of_the_packets_found(tmp_path):
+    """The only cluster is cut short, so it has no times of its own."""
+    data = encoded(recording(), hapfmt.Settings())
+    ((offset, size),) = clusters(data)
+    (tmp_path / "cut.hapf").write_bytes(data[: offset + 32 + size * 2 // 5])
+    found = json.loads(run("info", "cut.hapf", "--json", cwd=tmp_path).stdout)
+    assert found["duration_s"] == 6.5625
+    assert b" 6.5625 s, " in run("info", "cut.hapf", cwd=tmp_path).stdout
+    done = run("decode", "cut.hapf", "o.npz", "--start", "6", cwd=tmp_path)
+    assert done.returncode == 3 and b"0 s to the end" in done.stderr
+    (tmp_path / "start.hapf").write_bytes(data[:offset])
+    found = json.loads(run("info", "start.hapf", "--json", cwd=tmp_path).stdout)
+    assert found["duration_s"] is None
+    assert b"of unknown length" in run("info", "start.hapf", cwd=tmp_path).stdout
+
+
+def test_the_picture_counts_the_channels_that_verify_names():
+    data = encoded(recording(), hapfmt.Settings())
+    ((offset, size),) = clusters(data)
+    with Reader(data[: offset + 32 + size * 2 // 5], scan=True) as reader:
+        reader.read()
+        report = reader.damage()
+        named = {label for part in report.parts() for label in part.labels if part.start < 6.5}
+        assert 0 < len(named) < 7
+        assert report.headline() == f"{len(named)} of 7 channels lost samples to damage"
+
+
+def test_a_lost_stretch_is_named(files):
+    data = (files / "t.hapf").read_bytes()
+    offset, size = clusters(data)[2]
+    (files / "bad.hapf").write_bytes(cut_out(data, offset, offset + size))
+    options = ["--start", "2.25", "--stop", "2.5", "--channels", "c1"]
+    done = run("decode", "bad.hapf", "o.npz", *options, cwd=files)
+    assert done.returncode == 3
+    assert b"lost: c1 from 2.25 s to 2.5 s" in done.stderr and b"ends at" not in done.stderr
+    assert not (files / "o.npz").exists()
+
+
+def test_advice_names_options_that_exist(files):
+    """The id of a chosen file is in the next command too, and no Python word in any text."""
+    data = (files / "t.hapf").read_bytes()
+    hapfmt.write(recording(), files / "other.hapf", canonical=5)
+    offset, size = clusters(data)[2]
+    mixed = flipped(data, offset + size // 2) + (files / "other.hapf").read_bytes()[8:]
+    (files / "bad.hapf").write_bytes(mixed)
+    file_id = json.loads(run("info", "t.hapf", "--json", cwd=files).stdout)["file_id"]
+    done = run("verify", "bad.hapf", "--file-id", file_id, cwd=files)
+    assert f"recover bad.hapf OUT --file-id {file_id}".encode() in done.stderr
+    done = run("decode", "bad.hapf", "o.npz", "--file-id", file_id, cwd=files)
+    assert f"verify -v bad.hapf --file-id {file_id}".encode() in done.stderr
+    for words in (["info", "bad.hapf"], ["plot", "bad.hapf", "-o", "o.svg"]):
+        assert b"; hapfmt decode --file-id reads the other" in run(*words, cwd=files).stderr
+    assert "file_id=" not in (files / "o.svg").read_text()
+    run("recover", "bad.hapf", "r.hapf", "--file-id", file_id, cwd=files)
+    assert b"file_id=" not in run("info", "r.hapf", cwd=files).stdout
+
+
 def lost_ticks(report: dict | None) -> list[tuple] | None:
     return report and [(row["channel"], row["lost_ticks"]) for row in report["channels"]]
 

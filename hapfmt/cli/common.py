@@ -23,7 +23,7 @@ import click
 
 from ..errors import DAMAGED, UNSUPPORTED, HapfmtError, ParameterError, channels_called
 from ..files import refuse
-from ..format.wire import FILE_ID_LIMIT
+from ..format.wire import FILE_ID_LIMIT, id_text
 from ..limits import Limits
 from ..numbers import counted, exact
 from ..units import units_for
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ..edit import Edited, Original
     from ..encoder.settings import Tolerance
     from ..lab.parts import Parts
+    from ..reading.damage import DamageReport
     from ..reading.reader import Reader
     from ..recording import Recording
 
@@ -659,16 +660,22 @@ def contents(found: Recording | Import) -> str:
     return f"{counted(len(found.labels), 'channel')}, {times}{JOINED}s"
 
 
-def tell_losses(reader: Reader) -> int:
+def tell_losses(reader: Reader, damage: DamageReport | None = None) -> int:
     """What is wrong with a file that was read, on standard error; the exit code (SPEC 13)."""
     name = reader.source.path or "input"
-    lines = [f"{name}: {line}" for line in reader.damage().lines()]
+    lines = [f"{name}: {line}" for line in (damage or reader.damage()).lines()]
     if reader.source.path and reader.exit_code == DAMAGED:
-        lines.append(f"for details, run: hapfmt verify -v {shlex.quote(reader.source.path)}")
+        command = f"hapfmt verify -v {shlex.quote(reader.source.path)}{chosen_id(reader.file_id)}"
+        lines.append(f"for details, run: {command}")
     tell_some(lines)
     if reader.exit_code == UNSUPPORTED:
         tell_some(["a part of the file is not known to this version; hapfmt info names it"])
     return reader.exit_code
+
+
+def chosen_id(file_id: int | None) -> str:
+    """The option that chooses the same file among several again."""
+    return "" if file_id is None else f" --file-id {id_text(file_id)}"
 
 
 def tell_some(lines: Sequence[str]) -> None:

@@ -29,7 +29,7 @@ from .common import (
     tell_written,
     threads_option,
 )
-from .screen import Verb
+from .screen import Verb, complain
 
 if TYPE_CHECKING:
     from ..limits import Limits
@@ -94,14 +94,18 @@ def decode(
         reader.check_band(names, cast("Band", band))
         with progress("decoding") as advance:
             recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
-        if (start is not None or stop is not None) and not recording.sample_count:
+        nothing = (start is not None or stop is not None) and not recording.sample_count
+        if nothing and reader.lost:
+            complain("damage took the samples of this time range; nothing is written")
+        elif nothing:
             end = float(reader.duration)
             band_ = "" if band == "full" else f" of band {band}"
             raise ParameterError(
                 f"No samples{band_} in this time range; the recording ends at {end:g} s",
                 path=reader.source.path,
             )
-        save_recording(recording, target, output_format, force, max_memory)
+        else:
+            save_recording(recording, target, output_format, force, max_memory)
         code = tell_losses(reader)
         if as_json and target != "-":
             echo_json(
@@ -113,6 +117,6 @@ def decode(
                     "exit_code": code,
                 }
             )
-        else:
+        elif not nothing:
             tell_written(target, contents(recording))
     return code

@@ -238,7 +238,7 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
         "uuid": str(UUID(bytes=head.uuid)) if head and head.uuid else None,
         "epoch_ns": head.epoch_ns if head else None,
         "epoch_uncertainty_ns": head.epoch_uncertainty_ns if head else None,
-        "duration_s": float(catalogue.duration),
+        "duration_s": float(catalogue.duration) if catalogue.duration or catalogue.closed else None,
         "closed": catalogue.closed,
         "indexed": catalogue.indexed,
         "cluster_count": len(catalogue.data),

@@ -234,4 +234,4 @@ def finish(parts: Parts, start: Fraction | None, stop: Fraction | None) -> int:
     if not isinstance(parts, FileParts):
         return 0
     parts.reader.lost = parts.lost_within(start, stop)
-    return tell_losses(parts.reader)
+    return tell_losses(parts.reader, parts.damage(start, stop))

@@ -78,7 +78,6 @@ IN_OPTIONS = {
     "read the original with keep_stamps=True": "add --keep-stamps",
     "(max_memory=)": "(--max-memory)",
     "(rate=)": "(--rate)",
-    "(file_id=)": "(--file-id)",
     "(select=)": "(--select)",
     "(episode=)": "(--episode)",
     "(map=)": "(--map)",

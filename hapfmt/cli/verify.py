@@ -11,6 +11,7 @@ import click
 from ..errors import DAMAGED
 from .common import (
     asked_of,
+    chosen_id,
     echo_json,
     file_id_option,
     import_options,
@@ -93,11 +94,11 @@ def verify(
     if as_json:
         echo_json(report.as_json())
     else:
-        show(file, report, verbose=verbose)
+        show(file, report, verbose=verbose, file_id=file_id)
     return report.exit_code
 
 
-def show(file: str, report: Report, *, verbose: bool) -> None:
+def show(file: str, report: Report, *, verbose: bool, file_id: int | None) -> None:
     from ..format.walk import Finding
 
     say(f"{file}: {report.headline()}", verdict=report.verdict)
@@ -128,8 +129,8 @@ def show(file: str, report: Report, *, verbose: bool) -> None:
                     f"{name_of(check)}: the original is up to {check.moved:.6g} away from its "
                     f"grid, the file states {check.stated:.6g}"
                 )
-    if report.file_code == DAMAGED and report.damage:
-        command = f"hapfmt recover {shlex.quote(file)} OUT"
+    if report.file_code == DAMAGED and report.damage and report.packets:
+        command = f"hapfmt recover {shlex.quote(file)} OUT{chosen_id(file_id)}"
         these = "this packet" if report.packets == 1 else f"these {report.packets} packets"
         complain(f"to keep {these}, run: {command}")
 

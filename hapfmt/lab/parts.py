@@ -15,7 +15,7 @@ from ..codecs.quantised import QuanParameters
 from ..errors import HapfmtError
 from ..format.track import Contract, Track
 from ..reading.catalogue import ChannelRef, TrackPair
-from ..reading.damage import DamageReport, LostSpan
+from ..reading.damage import DamageReport, LostSpan, lost_within
 from ..reading.decoder import Assembly, build_channel, join
 from ..reading.packets import tick_range
 from ..reading.reader import Reader
@@ -241,19 +241,15 @@ class FileParts:
         ]
 
     def lost_within(self, start: Fraction | None, stop: Fraction | None) -> list[LostSpan]:
-        """The spans of ``lost`` that touch the seconds [start, stop)."""
+        """The spans of ``lost`` within the seconds [start, stop)."""
         tracks = self.reader.catalogue.tracks
-        found = []
-        for span in self.lost:
-            track = tracks.get(span.track)
-            first, last = tick_range(track.rate if track else Fraction(1), start, stop)
-            if not track or (span.start < last and (span.stop is None or span.stop > first)):
-                found.append(span)
-        return found
+        ranges = {id_: tick_range(track.rate, start, stop) for id_, track in tracks.items()}
+        return lost_within(self.lost, ranges, tracks)
 
     def damage(self, start: Fraction | None, stop: Fraction | None) -> DamageReport:
         numbers = {ref.number for ref in self.refs}
-        return DamageReport(self.reader.catalogue, self.lost_within(start, stop), numbers)
+        part = not (start is stop is None and len(self.refs) == len(self.reader.channels))
+        return DamageReport(self.reader.catalogue, self.lost_within(start, stop), numbers, part)
 
     def events(self, start: Fraction, stop: Fraction) -> list[Event]:
         before = self.reader.lost

@@ -204,6 +204,8 @@ class Catalogue:
     tables: dict[int, Table] = field(default_factory=dict)
     """Tables of DATA chunks by their offsets, so that a reader parses each once."""
     kept_rows: int = 0
+    last_found: Fraction = Fraction(0)
+    """Seconds to the end of the packets found in damaged chunks, whose times may be unknown."""
 
     @property
     def tracks(self) -> dict[int, Track]:
@@ -277,7 +279,7 @@ class Catalogue:
         if self.indexed and self.foot:
             return Fraction(self.foot.duration_ns, 10**9)
         stop = max((chunk.stop_ns or 0 for chunk in self.data), default=0)
-        return Fraction(min(stop, NS_LIMIT), 10**9)
+        return min(max(Fraction(stop, 10**9), self.last_found), Fraction(NS_LIMIT, 10**9))
 
     @cached_property
     def attachments(self) -> dict[str, Attachment]:

@@ -146,6 +146,22 @@ class Losses:
             self.spans.append(LostSpan(track, start, stop, offset))
 
 
+def lost_within(
+    lost: Iterable[LostSpan], ranges: Mapping[int, tuple[int, int]], tracks: Mapping[int, Track]
+) -> list[LostSpan]:
+    """The losses of these tracks cut to these ticks, with those of tracks without a description.
+    A loss up to an unknown end stays one, from its beginning."""
+    found = []
+    for span in lost:
+        first, last = ranges.get(span.track, (0, 0) if span.track in tracks else (0, 1 << 63))
+        if span.stop is None and span.start < last:
+            found.append(span)
+        elif span.stop is not None and max(first, span.start) < min(last, span.stop):
+            cut = max(first, span.start), min(last, span.stop)
+            found.append(span._replace(start=cut[0], stop=cut[1]))
+    return found
+
+
 def ticks(times: Times, rate: Fraction) -> tuple[int, int | None]:
     """First tick, and the one after the last, of a track that lie within some milliseconds."""
     n, d = rate.numerator, rate.denominator * 1000
@@ -192,12 +208,13 @@ class DamageReport:
     """What is wrong with a file, and what that took: every verb shows this report and no other.
 
     ``spans`` are the lost spans of the tracks that were read; ``numbers`` the channels that were
-    read, None: all.
+    read, None: all. ``partial``: only a part of the file was read.
     """
 
     catalogue: Catalogue
     spans: Sequence[LostSpan]
     numbers: Collection[int] | None = None
+    partial: bool = False
 
     def as_json(self) -> dict[str, Any]:
         """The JSON object of docs/spec/recovery.md."""
@@ -250,12 +267,24 @@ class DamageReport:
 
     def headline(self) -> str:
         """How many channels lost samples; empty where nothing is damaged."""
-        rows = self.channels()
-        lossy = sum(row["lost_ticks"] != 0 for row in rows)
-        if lossy:
-            return f"{lossy} of {counted(len(rows), 'channel')} lost samples to damage"
+        numbers = {row["channel"] for row in self.channels()}
+        channels = by_track(self.catalogue)
+        lossy = {
+            ref.number
+            for track, *_ in seconds_lost(self.catalogue, self.spans, set())
+            for ref in channels.get(track.id, [])
+        }
+        if lossy & numbers:
+            count = len(lossy & numbers)
+            return f"{count} of {counted(len(numbers), 'channel')} lost samples to damage"
         damaged = any(finding.code not in HARMLESS for finding in self.catalogue.findings)
-        return "damaged, no sample is known to be lost" if damaged else ""
+        return f"damaged, {self.nothing_known()}" if damaged else ""
+
+    def nothing_known(self) -> str:
+        """Say that damage took no sample, as far as is known."""
+        if not self.catalogue.tracks:
+            return "nothing can be read; what was in it is not known"
+        return f"no sample {'of this part ' * self.partial}is known to be lost"
 
     def parts(self) -> list[LostPart]:
         """The spans by label and seconds."""
@@ -279,11 +308,14 @@ class DamageReport:
             end = catalogue.source.size
             size = sum(min(stop, end) - min(start, end) for start, stop in areas)
             lines.append(f"damage in {places}, {size} bytes: {', '.join(kinds)}")
-        lines += [f"{each.message} (file_id=)" for each in found if each.code == "other-file"]
+        way = "hapfmt decode --file-id reads the other"
+        lines += [f"{each.message}; {way}" for each in found if each.code == "other-file"]
         losses = self.losses()
         lines += losses
         if found and not losses:
-            lines.append("no sample is known to be lost")
+            lines.append(self.nothing_known())
+        if found and self.partial:
+            lines.append("this is about the part that was read; hapfmt verify checks all")
         if not catalogue.closed:
             last = float(last_known(catalogue, self.spans))
             lines.append(f"the file was not closed; what came after {last:.6g} s is unknown")

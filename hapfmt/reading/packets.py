@@ -202,6 +202,8 @@ class PacketPass:
         self.ranges: Ranges = {}
         self.left_out: list[LostSpan] = []
         """Intact packets that are not delivered."""
+        self.refused: set[int | None] = set()
+        """Offsets of packets that an earlier pass left out."""
         self.unharmed: set[int] = set()
         """Offsets of damaged DATA chunks of which every packet holds."""
         self.timeline: Timeline | None = None
@@ -231,7 +233,7 @@ class PacketPass:
                 self.suspect(ranges, self.timeline.missing(before, ref.sequence), offset)
                 before = max(before, ref.sequence)
             for packet in self.cluster(ref):
-                if packet.track not in ranges:
+                if packet.track not in ranges or packet.offset in self.refused:
                     continue
                 first, last = ranges[packet.track]
                 if self.settle(packet) and packet.start < last and packet.stop > first:
@@ -321,6 +323,9 @@ class PacketPass:
         self.unharmed.add(ref.offset)
         for item in salvage_cluster(payload, catalogue.tracks, level, at, seed, sizes):
             if isinstance(item, Packet):
+                catalogue.last_found = max(
+                    catalogue.last_found, item.stop / catalogue.tracks[item.track].rate
+                )
                 yield item
             else:
                 self.unharmed.discard(ref.offset)

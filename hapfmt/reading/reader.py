@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from fractions import Fraction
 from typing import Any, BinaryIO
@@ -33,7 +34,7 @@ from ..numbers import exact as exact_number
 from ..recording import Event, Recording, observed_between, refuse_past_end
 from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
-from .damage import DamageReport, LostSpan, damaged_areas
+from .damage import DamageReport, LostSpan, damaged_areas, lost_within
 from .decoder import (
     BANDS,
     Assembly,
@@ -171,6 +172,9 @@ class Reader(Closing):
         self.threads = threads
         self.source = open_source(file, mapped=mapped, spool=spool)
         self.lost: list[LostSpan] = []
+        self.partial = False
+        """Whether the last read was of some tracks or seconds alone."""
+        self._whole: PacketPass | None = None
         try:
             self.catalogue: Catalogue = open_catalogue(
                 self.source, scan=scan, limits=self.limits, file_id=file_id
@@ -223,7 +227,7 @@ class Reader(Closing):
     def damage(self, channels: Sequence[str | int] | str | int | None = None) -> DamageReport:
         """What is wrong with the parts read so far; ``channels``: those that were read."""
         numbers = None if channels is None else {ref.number for ref in self.select(channels)}
-        return DamageReport(self.catalogue, self.lost, numbers)
+        return DamageReport(self.catalogue, self.lost, numbers, self.partial)
 
     @property
     def duration(self) -> Fraction:
@@ -511,11 +515,9 @@ class Reader(Closing):
 
         ``ranges``: {track id: (first tick, tick after the last)}.
         """
-        current = PacketPass(self.catalogue, self.refuse_damage)
-        self.lost = current.lost
         count, last = 0, -1
         try:
-            for packet in current.packets(ranges, start, stop, progress):
+            for packet in self.one_pass(ranges, start, stop, progress):
                 count, last = count + 1, packet.offset
                 yield packet
             return
@@ -523,17 +525,44 @@ class Reader(Closing):
             # Keep the packets already delivered; find the rest by walking (IDX-003).
             self.scan()
             self.refuse_unknown()
-        current = PacketPass(self.catalogue, self.refuse_damage)
-        self.lost = current.lost
         known = {id_: ends for id_, ends in ranges.items() if id_ in self.catalogue.tracks}
-        self.lost += [LostSpan(id_, 0, None) for id_ in sorted(ranges.keys() - known.keys())]
-        for packet in current.packets(known, start, stop, progress):
+        for packet in self.one_pass(known, start, stop, progress):
             if packet.offset <= last:
                 count -= 1
                 continue
             refuse_omission(count, last, self.source.path)
             yield packet
+        self.lost += [LostSpan(id_, 0, None) for id_ in sorted(ranges.keys() - known.keys())]
         refuse_omission(count, last, self.source.path)
+
+    def one_pass(
+        self,
+        ranges: dict[int, tuple[int, int]],
+        start: Seconds | None,
+        stop: Seconds | None,
+        progress: Callable[[int, int], None] | None,
+    ) -> Iterator[Packet]:
+        """The packets of one pass; ``lost`` then holds the losses within the ranges.
+
+        What a part lost follows from packets around it too. So these are the losses of a pass over
+        the whole file, if that was walked through.
+        """
+        part = start is not None or stop is not None
+        needed = {t.id for ref in self.channels for t in ref.tracks if not t.unsupported}
+        self.partial = part or not needed <= ranges.keys()
+        current = PacketPass(self.catalogue, self.refuse_damage)
+        self.lost = current.lost
+        whole = None
+        if part and self.catalogue.damaged and not self.catalogue.indexed:
+            whole, self.lost = self._whole, []
+            if whole is None or whole.catalogue is not self.catalogue:
+                self._whole = whole = PacketPass(self.catalogue, self.refuse_damage)
+                deque(whole.packets(dict.fromkeys(self.catalogue.tracks, (0, 1 << 63))), 0)
+            current.refused = {span.offset for span in whole.left_out}
+        yield from current.packets(ranges, start, stop, progress)
+        if part:
+            self.lost += whole.lost if whole else []
+            self.lost[:] = lost_within(self.lost, ranges, self.catalogue.tracks)
 
     def lost_parts(self, chosen: Sequence[ChannelRef], band: Band) -> list[LostSpan]:
         """Packets that lack a description for decoding: LF tracks without their HF track
