@@ -393,6 +393,25 @@ class TestLabelsAndUnits:
         said = called(verb, path, tmp_path / "b.hapf", *given, "--unit", "N,N,N")
         assert said.code == 1 and "3 units for 2 channels" in said.err
 
+    @pytest.mark.parametrize(
+        ("given", "told"),
+        [
+            ([], ["the unit of channel 'acc' is read as [g], since its name says acceleration"]),
+            (["--unit", "N,g,Cel"], ["--unit replaces [g] of 'acc'"]),
+            (["--unit", "N"], ["--unit replaces [g] of 'acc', Cel of 'temp'"]),
+            (["--unit", "N,[g],Cel"], []),
+            (["--select", "F"], []),
+        ],
+    )
+    def test_notes_are_on_the_units_that_are_used(self, tmp_path: Path, given, told):
+        path, out = tmp_path / "a.csv", tmp_path / "a.hapf"
+        path.write_text("t,F [N],acc [g],temp [Cel]\n0,1,2,3\n1,2,3,4\n2,1,0,3\n")
+        said = called("encode", path, out, *given)
+        assert [f"note: {each}" for each in told] == [
+            line for line in said.err.splitlines() if "unit" in line
+        ]
+        assert hapfmt.read(out).metadata.get("notes", []) == told
+
     def test_a_hapf_file_has_its_own(self, tmp_path: Path) -> None:
         hapfmt.write(np.zeros(9), tmp_path / "a.hapf", rate=10)
         for verb, out in (("encode", "b.hapf"), ("convert", "b.npz")):

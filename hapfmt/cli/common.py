@@ -573,6 +573,8 @@ def asked_of(given: Mapping[str, Any]) -> dict[str, Any]:
 
 def described(recording: Recording, labels: str | None, unit: str | None) -> Recording:
     """The recording with the given labels and units."""
+    from ..convert.common import without_units
+
     if labels is None and unit is None:
         return recording
     count = len(recording)
@@ -582,6 +584,15 @@ def described(recording: Recording, labels: str | None, unit: str | None) -> Rec
             f"--labels names {counted(len(names), 'channel')}, the input has {count}"
         )
     codes = [c.unit for c in recording] if unit is None else units_for(unit, count)
+    if unit is not None:
+        replaced = [
+            f"{channel.unit} of {channel.label!r}"
+            for channel, code in zip(recording, codes, strict=True)
+            if channel.unit not in ("1", code)
+        ]
+        more = f" and {len(replaced) - SHOWN_LINES} more" if len(replaced) > SHOWN_LINES else ""
+        said = f"--unit replaces {', '.join(replaced[:SHOWN_LINES])}{more}"
+        recording = without_units(recording, recording.labels, *([said] if replaced else []))
     channels = tuple(
         replace(channel, label=name, unit=code)
         for channel, name, code in zip(recording, names, codes, strict=True)
@@ -593,10 +604,12 @@ def relabelled(found: Import, labels: str | None, unit: str | None) -> Import:
     """The same of a file that is not read yet."""
     if labels is None and unit is None:
         return found
-    columns = iter(described(found.described(), labels, unit))
+    recording = described(found.described(), labels, unit)
+    columns = iter(recording)
     tables = tuple(
         replace(
             table,
+            notes=(),
             columns=tuple(
                 replace(column, label=each.label, unit=each.unit)
                 for column, each in zip(table.columns, columns, strict=False)
@@ -604,7 +617,7 @@ def relabelled(found: Import, labels: str | None, unit: str | None) -> Import:
         )
         for table in found.tables
     )
-    return replace(found, tables=tables)
+    return replace(found, tables=tables, notes=tuple(notes_of(recording)))
 
 
 def save_recording(
