@@ -444,9 +444,18 @@ def refuse_output(name: str, format_: str | None, force: bool) -> None:
     """Refuses a target of another format, before any work."""
     from ..convert.formats import named, with_suffix
 
-    chosen = named(format_) if format_ else with_suffix(suffix_of(name, None, ""), written=True)
+    suffix = suffix_of(name, None, "")
+    chosen = named(format_) if format_ else with_suffix(suffix, written=True)
+    known = suffix == HAPF or with_suffix(suffix)
+    if chosen and chosen.suffixes and suffix not in chosen.suffixes and known:
+        tell_suffix(name, chosen.suffixes[0])
     if name != "-" and not (chosen and chosen.folder):
         refuse(name, force)
+
+
+def tell_suffix(name: str, usual: str) -> None:
+    """Note that a file gets another format than its name says."""
+    note(f"{name} will be a {usual[1:]} file; the usual suffix is {usual}")
 
 
 def options_by_input(
