@@ -181,12 +181,13 @@ class TestEncode:
         (folder / "inside.npz").symlink_to("deep/a.npz")
         (folder / "bag").mkdir()
         (folder / "bag" / "metadata.yaml").symlink_to(secret / "bag" / "metadata.yaml")
-        links = ["s.csv", "deep/b.npz", "gone.npz", "twice.npz", "bag"]
+        (folder / "deep" / "up").symlink_to(folder)  # within: its files are found anyway
+        links = ["s.csv", "deep/b.npz", "gone.npz", "twice.npz", "bag", "all"]
         found = report("encode", "in", "out", cwd=tmp_path)
         assert results(found) == dict.fromkeys(["deep/a.npz", "inside.npz"], "encoded") | (
             dict.fromkeys(links, "not followed")
         )
-        assert found["results"] == {"encoded": 2, "not followed": 5}
+        assert found["results"] == {"encoded": 2, "not followed": 6}
         assert visible(tmp_path / "out") == {"deep/a.hapf", "inside.hapf"}
         done = commands.run("archive", "encode", "in/**/*.*", "more", cwd=tmp_path)
         assert b"a link out of its source is not followed" in done.stderr
@@ -259,8 +260,17 @@ class TestEncode:
         (tmp_path / "in" / "c.txt").write_text("")
         (tmp_path / "in" / ".d").write_text("")
         done = commands.run("archive", "encode", "in", "out", cwd=tmp_path)
-        assert b"left out: 1 .hapf file, such as b.hapf" in done.stderr
-        assert b"left out: 1 file of other formats, such as c.txt" in done.stderr
+        assert b"left out: 1 .hapf file: b.hapf. To convert them" in done.stderr
+        assert b"left out: 1 file of other formats: c.txt" in done.stderr
+        names = ["b.hapf", "c.txt", *(f"n{place:02}.md" for place in range(11))]
+        for name in names[2:]:
+            (tmp_path / "in" / name).write_text("")
+        done = commands.run("archive", "encode", "in", "out", cwd=tmp_path)
+        told = ", ".join(names[1:11])
+        rest = " and 2 more (--json lists all)"
+        said = " ".join(done.stderr.decode().split())
+        assert f"left out: 12 files of other formats: {told}{rest}" in said
+        assert report("encode", "in", "out", cwd=tmp_path)["left_out"] == names
         done = commands.run("archive", "encode", "out/raw", "out", cwd=tmp_path)
         assert done.returncode == 1
         assert b"lies in the folder TARGET" in done.stderr
@@ -525,6 +535,21 @@ class TestRecoverAndConvert:
             flip(tmp_path / "a.hapf", place)
         found = report("recover", "a.hapf", "out", cwd=tmp_path, code=3)
         assert "nothing was recovered" in found["files"][0]["message"]
+
+    @pytest.mark.parametrize("words", [["verify"], ["catalogue"], ["recover", "out"]])
+    def test_losses_that_are_not_shown_are_counted(self, tmp_path: Path, words: list[str]):
+        x, path = np.random.default_rng(1).normal(size=12000), tmp_path / "in" / "a.hapf"
+        path.parent.mkdir()
+        hapfmt.write(x, path, rate=1000, labels=["x"], cluster=1)
+        size = path.stat().st_size
+        for place in range(5):
+            flip(path, size * (4 * place + 3) // 24)
+        lines = hapfmt.verify(path).summary
+        assert len(lines) > 4
+        found = report(words[0], "in", *words[1:], cwd=tmp_path, code=3)
+        (message,) = (each["message"] for each in found["files"])
+        more = f"and {len(lines) - 3} more: hapfmt verify FILE lists all"
+        assert message == "; ".join([*lines[:3], more])
 
     def test_only_damaged_files_are_written(self, tmp_path: Path):
         for name in ("a", "b"):

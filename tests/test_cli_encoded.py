@@ -393,6 +393,48 @@ class TestLabelsAndUnits:
         said = called(verb, path, tmp_path / "b.hapf", *given, "--unit", "N,N,N")
         assert said.code == 1 and "3 units for 2 channels" in said.err
 
+    @pytest.mark.parametrize(
+        ("given", "told"),
+        [
+            ([], ["the unit of channel 'acc' is read as [g], since its name says acceleration"]),
+            (["--unit", "N,g,Cel"], ["--unit replaces [g] of 'acc'"]),
+            (["--unit", "N"], ["--unit replaces [g] of 'acc', Cel of 'temp'"]),
+            (["--unit", "N,[g],Cel"], []),
+            (["--select", "F"], []),
+        ],
+    )
+    def test_notes_are_on_the_units_that_are_used(self, tmp_path: Path, given, told):
+        path, out = tmp_path / "a.csv", tmp_path / "a.hapf"
+        path.write_text("t,F [N],acc [g],temp [Cel]\n0,1,2,3\n1,2,3,4\n2,1,0,3\n")
+        said = called("encode", path, out, *given)
+        assert [f"note: {each}" for each in told] == [
+            line for line in said.err.splitlines() if "unit" in line
+        ]
+        assert hapfmt.read(out).metadata.get("notes", []) == told
+
+    @pytest.mark.parametrize(
+        ("out", "kind", "usual"),
+        [
+            ("b.npz", "csv", "csv"),
+            ("b.hapf", "npz", "npz"),
+            ("b.csv", "csv", None),
+            ("b", "csv", None),
+        ],
+    )
+    def test_a_suffix_of_another_format_is_noted(self, tmp_path: Path, out, kind, usual):
+        hapfmt.write(np.arange(20.0), tmp_path / "a.hapf", rate=10, labels=["x"])
+        target = tmp_path / out
+        said = called("decode", tmp_path / "a.hapf", target, "--output-format", kind)
+        told = f"note: {target} will be a {usual} file; the usual suffix is .{usual}"
+        assert said.code == 0
+        assert (told in said.err) if usual else ("usual suffix" not in said.err)
+
+    def test_the_advice_is_not_the_option_that_was_given(self, tmp_path: Path):
+        np.savez(tmp_path / "a.npz", x=np.zeros((2, 9)), channel_names=["a", "b"], fs=10.0)
+        for given, advice in (["--transpose"], "use --no-transpose"), ([], None):
+            said = called("encode", tmp_path / "a.npz", tmp_path / "a.hapf", *given)
+            assert said.code == bool(advice) and (advice or "") in said.err
+
     def test_a_hapf_file_has_its_own(self, tmp_path: Path) -> None:
         hapfmt.write(np.zeros(9), tmp_path / "a.hapf", rate=10)
         for verb, out in (("encode", "b.hapf"), ("convert", "b.npz")):

@@ -35,6 +35,7 @@ from hapfmt import (
 from hapfmt.cli import cli
 from hapfmt.convert.formats import formats
 from hapfmt.convert.tables import Import, ImportBlock, ImportColumn, ImportTable
+from hapfmt.errors import DataWarning
 from hapfmt.format.source import open_source
 from hapfmt.reading.opening import open_catalogue
 from hapfmt.reading.verifier import verify
@@ -253,6 +254,16 @@ class TestBounded:
             assert bounds[0] == pytest.approx(bounds[1], rel=0.03)
             assert 0.5 * two.largest_error < one.largest_error <= 1.01 * two.largest_error
             assert one.size < 1.05 * two.size and one.sample_count == 20000
+
+    @pytest.mark.parametrize("error", ["0.1%", "0.01"])
+    def test_infinite_samples_are_kept_with_a_note(self, error):
+        x = np.sin(np.arange(4000) / 50) + np.random.default_rng(2).normal(0, 0.02, 4000)
+        x[[7, 8, 900]] = np.inf, -np.inf, np.inf
+        table = ImportTable("t", (ImportColumn("a", "N"),), Fraction(1000), x.size)
+        found = import_from([table], [[x]], [])
+        with pytest.warns(DataWarning, match="'a' is stored without loss: it has infinite samples"):
+            data = streamed(found, settings=Settings.of("near-lossless", max_error=error))
+        assert hapfmt.read(data).channels[0].samples().tobytes() == x.tobytes()
 
     def test_values_that_lie_on_a_coarse_grid_stay_lossless(self):
         x = np.tile([0.0, 1.0, 2.0, 1.0], 3000)

@@ -10,7 +10,7 @@ import os
 import secrets
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -45,6 +45,16 @@ class Job:
     force: bool = False
     begun: bool = False
     """This run began it when its target was not there, so a target that is there now is its own."""
+
+
+def few_of(summary: Sequence[str]) -> list[str]:
+    """The first lines on damage and losses, and how many more there are."""
+    more = len(summary) - FEW
+    rest = [f"and {more} more: hapfmt verify FILE lists all"] if more > 0 else []
+    return [*summary[:FEW], *rest]
+
+
+FEW = 3
 
 
 @dataclass

@@ -2,7 +2,8 @@
 
 A name is relative to the folder or pattern that found the file. Links to folders are not followed,
 so a loop of links ends nowhere. Links to files outside of the source are not followed either, so
-that a folder from anyone shows no other file of the disk. Hidden files are left out.
+that a folder from anyone shows no other file of the disk. A link that leads outside is reported.
+Hidden files are left out.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from ..format.source import is_url, network, shown
 FILE_URL = "file://"
 CATALOGUE = "catalogue.parquet"
 """Name of a catalogue in its folder; it is not a recording."""
-LINK = "a link out of its source is not followed; name the file itself as a SOURCE"
+LINK = "a link out of its source is not followed; name its target as a SOURCE"
 """``error`` of a place that is such a link."""
 
 
@@ -150,7 +151,9 @@ def matches(pattern: str, wanted: Wanted, left: list[Place]) -> Iterator[Place]:
         path = Path(name)
         below = path.relative_to(root).as_posix()
         if is_folder(path):
-            if not path.is_symlink():
+            if path.is_symlink():
+                yield from folder_link(root, path, below, str(root))
+            else:
                 yield from folder_places(path, f"{below}/", wanted, left, str(root))
         elif chosen or (wanted(suffix_of(name)) and path.name != CATALOGUE):
             yield place_within(root, path, below, str(root))
@@ -185,7 +188,7 @@ def folder_places(
                 else:
                     waiting.append((inner, f"{name}/"))
             elif is_folder(entry):
-                continue
+                yield from folder_link(folder, Path(entry.path), name, source)
             elif wanted(suffix_of(entry.name)):
                 yield place_within(folder, Path(entry.path), name, source)
             else:
@@ -204,6 +207,12 @@ def is_there(path: Path) -> bool:
         return path.exists()
     except OSError:
         return False
+
+
+def folder_link(root: Path, path: Path, name: str, source: str) -> Iterator[Place]:
+    """A place with an error where a link leads to a folder that is not below ``root``."""
+    if leads_out(root, path) and not root.samefile(path):
+        yield Place(name, str(path.absolute()), error=LINK, source=source)
 
 
 def place_within(root: Path, path: Path, name: str, source: str) -> Place:

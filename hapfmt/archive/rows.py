@@ -20,7 +20,7 @@ from ..reading.reader import Reader
 from ..reading.verifier import Report
 from ..reading.verifier import verify as verify_file
 from ..recording import Channel
-from .jobs import FileOutcome, Job, content, hashed
+from .jobs import FileOutcome, Job, content, few_of, hashed
 
 
 @dataclass
@@ -74,7 +74,7 @@ def describe(job: Job, outcome: FileOutcome) -> None:
     outcome.result, outcome.exit_code = report.verdict, report.exit_code
     if report.exit_code:
         found = [report.error.line()] if report.error else []
-        outcome.message = "; ".join([*found, *report.summary[:3]]) or report.judgement()
+        outcome.message = "; ".join([*found, *few_of(report.summary)]) or report.judgement()
     about = {
         "file": job.options["file"],
         "file_size": job.place.size,

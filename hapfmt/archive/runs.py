@@ -65,6 +65,8 @@ class RunSummary:
 
     outcomes: list[FileOutcome] = field(default_factory=list)
     seconds: float = 0.0
+    left_out: list[str] | None = None
+    """Names of files of other formats, where the command looked for them."""
 
     @property
     def exit_code(self) -> int:
@@ -93,6 +95,7 @@ class RunSummary:
     def as_json(self) -> dict[str, Any]:
         return {
             "files": [each.as_json() for each in self.outcomes],
+            **({} if self.left_out is None else {"left_out": self.left_out}),
             "results": {name: len(found) for name, found in self.counts().items()},
             "read_size": sum(each.read_size for each in self.outcomes),
             "written_size": sum(each.written_size for each in self.outcomes),

@@ -12,7 +12,7 @@ from pathlib import Path
 from ..errors import INTACT, DataWarning, HapfmtError
 from ..format.source import is_url, shown
 from ..recording import Recording
-from .jobs import ERROR, FileOutcome, Job, content, hashed, published
+from .jobs import ERROR, FileOutcome, Job, content, few_of, hashed, published
 from .places import LINK, reason
 from .rows import describe
 
@@ -84,7 +84,7 @@ def verify(job: Job, outcome: FileOutcome) -> None:
         if report.exit_code:
             if report.error is not None:
                 parts.append(report.error.line())
-            parts += report.summary[:3]
+            parts += few_of(report.summary)
             parts = parts or [report.judgement()]
     if wrong:
         outcome.result, outcome.exit_code = "damaged", outcome.exit_code or 3
@@ -135,7 +135,7 @@ def recover(job: Job, outcome: FileOutcome) -> None:
         done = recover_file(file, staged, limits=job.limits)
         outcome.written_size = staged.stat().st_size
     outcome.result, outcome.exit_code = "recovered", done.exit_code
-    parts = done.summary[:3] if done.exit_code else []
+    parts = few_of(done.summary) if done.exit_code else []
     if not done.packets:
         parts = ["nothing was recovered: the file has no intact packet", *parts]
     outcome.message = "; ".join(parts)

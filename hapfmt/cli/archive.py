@@ -321,7 +321,8 @@ def write_all(
         text = f"{others} would have the same target: {output}" if others else place.error
         work.append(job_of(replace(place, error=text), output, staging))
     outputs = set(targets)
-    tell_left_out([each for each in left_out if each.location not in outputs])
+    names = [each.name for each in left_out if each.location not in outputs]
+    tell_left_out(names)
     began = time.perf_counter()
     with (
         opened_log(Path(how.log) if how.log else own, WRITTEN) as found,
@@ -333,24 +334,29 @@ def write_all(
             work, workers=how.jobs, address=how.dask, log=found, skip=skip_written,
             progress=count, tell=note,
         )  # fmt: skip
-    return report(outcomes, time.perf_counter() - began, how.as_json)
+    return report(outcomes, time.perf_counter() - began, how.as_json, left_out=names)
 
 
-def tell_left_out(places: Sequence[Place]) -> None:
-    """Files that the command does not work on: .hapf files, and all others."""
+def tell_left_out(names: Sequence[str]) -> None:
+    """Name the files that the command does not work on: .hapf files, and all others."""
     from ..archive.places import is_hapf
     from ..archive.places import suffix_of as suffix_of_name
 
-    names = [each.name for each in places]
     encoded = [name for name in names if is_hapf(suffix_of_name(name))]
     others = [name for name in names if not is_hapf(suffix_of_name(name))]
-    if encoded:
-        note(
-            f"left out: {counted(len(encoded), '.hapf file')}, such as {encoded[0]}. To convert "
-            "them, use hapfmt archive convert"
-        )
-    if others:
-        note(f"left out: {counted(len(others), 'file')} of other formats, such as {others[0]}")
+    for found, what, remedy in (
+        (
+            encoded,
+            counted(len(encoded), ".hapf file"),
+            ". To convert them, use hapfmt archive convert",
+        ),
+        (others, f"{counted(len(others), 'file')} of other formats", ""),
+    ):
+        if found:
+            more = len(found) - MOST_NOTES
+            rest = f" and {more} more (--json lists all)" if more > 0 else ""
+            listed = ", ".join(found[:MOST_NOTES])
+            note(f"left out: {what}: {listed}{rest}{remedy}")
 
 
 @contextmanager
@@ -388,14 +394,19 @@ def nothing_found(places: Sequence[Place]) -> Sequence[Place]:
 
 
 def report(
-    outcomes: Sequence[FileOutcome], seconds: float, as_json: bool, *, quiet: bool = False
+    outcomes: Sequence[FileOutcome],
+    seconds: float,
+    as_json: bool,
+    *,
+    quiet: bool = False,
+    left_out: list[str] | None = None,
 ) -> int:
     from ..archive.runs import RunSummary
 
     for each in outcomes:
         each.message = in_options(each.message)
         each.notes = [in_options(text) for text in each.notes]
-    summary = RunSummary(list(outcomes), seconds)
+    summary = RunSummary(list(outcomes), seconds, left_out)
     if as_json:
         echo_json(summary.as_json())
         return summary.exit_code

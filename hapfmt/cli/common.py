@@ -445,9 +445,18 @@ def refuse_output(name: str, format_: str | None, force: bool) -> None:
     """Refuses a target of another format, before any work."""
     from ..convert.formats import named, with_suffix
 
-    chosen = named(format_) if format_ else with_suffix(suffix_of(name, None, ""), written=True)
+    suffix = suffix_of(name, None, "")
+    chosen = named(format_) if format_ else with_suffix(suffix, written=True)
+    known = suffix == HAPF or with_suffix(suffix)
+    if chosen and chosen.suffixes and suffix not in chosen.suffixes and known:
+        tell_suffix(name, chosen.suffixes[0])
     if name != "-" and not (chosen and chosen.folder):
         refuse(name, force)
+
+
+def tell_suffix(name: str, usual: str) -> None:
+    """Note that a file gets another format than its name says."""
+    note(f"{name} will be a {usual[1:]} file; the usual suffix is {usual}")
 
 
 def options_by_input(
@@ -574,6 +583,8 @@ def asked_of(given: Mapping[str, Any]) -> dict[str, Any]:
 
 def described(recording: Recording, labels: str | None, unit: str | None) -> Recording:
     """The recording with the given labels and units."""
+    from ..convert.common import without_units
+
     if labels is None and unit is None:
         return recording
     count = len(recording)
@@ -583,6 +594,15 @@ def described(recording: Recording, labels: str | None, unit: str | None) -> Rec
             f"--labels names {counted(len(names), 'channel')}, the input has {count}"
         )
     codes = [c.unit for c in recording] if unit is None else units_for(unit, count)
+    if unit is not None:
+        replaced = [
+            f"{channel.unit} of {channel.label!r}"
+            for channel, code in zip(recording, codes, strict=True)
+            if channel.unit not in ("1", code)
+        ]
+        more = f" and {len(replaced) - SHOWN_LINES} more" if len(replaced) > SHOWN_LINES else ""
+        said = f"--unit replaces {', '.join(replaced[:SHOWN_LINES])}{more}"
+        recording = without_units(recording, recording.labels, *([said] if replaced else []))
     channels = tuple(
         replace(channel, label=name, unit=code)
         for channel, name, code in zip(recording, names, codes, strict=True)
@@ -594,10 +614,12 @@ def relabelled(found: Import, labels: str | None, unit: str | None) -> Import:
     """The same of a file that is not read yet."""
     if labels is None and unit is None:
         return found
-    columns = iter(described(found.described(), labels, unit))
+    recording = described(found.described(), labels, unit)
+    columns = iter(recording)
     tables = tuple(
         replace(
             table,
+            notes=(),
             columns=tuple(
                 replace(column, label=each.label, unit=each.unit)
                 for column, each in zip(table.columns, columns, strict=False)
@@ -605,7 +627,7 @@ def relabelled(found: Import, labels: str | None, unit: str | None) -> Import:
         )
         for table in found.tables
     )
-    return replace(found, tables=tables)
+    return replace(found, tables=tables, notes=tuple(notes_of(recording)))
 
 
 def save_recording(

@@ -45,6 +45,7 @@ from .common import (
     tell_import,
     tell_no_report,
     tell_notes,
+    tell_suffix,
     threads_option,
     unit_option,
 )
@@ -576,7 +577,7 @@ def encode(
     if as_json and verbose:
         note("-v does nothing beside --json, which describes every channel anyway")
     if target != "-" and suffix_of(target, None) != HAPF:
-        note(f"{target} will be a hapf file; the usual suffix is {HAPF}")
+        tell_suffix(target, HAPF)
     given["vectors"] = "required" if vectors else None
     given["felt"] = given["felt"] or None
     importing = {name: given.pop(name) for name in IMPORT_NAMES}

@@ -29,6 +29,7 @@ from .common import (
     start_option,
     stop_option,
     tell_losses,
+    tell_suffix,
     tell_written,
 )
 from .screen import Verb, note, printable
@@ -94,12 +95,14 @@ def plot(
     hapfmt plot touch.npz --window
     """
     from ..files import refuse
-    from ..lab.plotting.panels import kind_of, new_figure, save
+    from ..lab.plotting.panels import KINDS, kind_of, new_figure, save
 
     if (output is None) != window:
         picture = shlex.quote(f"{'touch' if file == '-' else Path(urlsplit(file).path).stem}.png")
         raise ParameterError(f"Give --output {picture} (or .svg, .pdf), or --window.")
     if output is not None and output != "-":
+        if kind and Path(output).suffix.lower() in {f".{each}" for each in KINDS} - {f".{kind}"}:
+            tell_suffix(output, f".{kind}")
         kind = kind or kind_of(output)
         refuse(output, force)
     new_figure(1, 1)

@@ -100,6 +100,7 @@ IN_OPTIONS = {
     "leave out on_bad_line": "leave out --on-bad-line",
     ": add lsb=": ": add --lsb",
     "use transpose=True": "use --transpose",
+    "use transpose=False": "use --no-transpose",
     "if not, transpose=False": "if not, --no-transpose",
     'give offsets=, times="epoch" or times="same",': "give --offset, --by-epoch or --same-times,",
     'give times="epoch", times="same" (tick 0 is the same moment in all), or offsets=': (

@@ -227,7 +227,10 @@ def _found(chosen: Format, source: Source, options: ReadOptions) -> Recording | 
         if not isinstance(found, Recording):
             raise TypeError(f"read returned {type(found).__name__}, not a Recording or an Import")
     if options.select and "select" not in chosen.options:
-        return found.sel(list(options.select))  # there is nothing else to choose from
+        from .common import without_units
+
+        kept = found.sel(list(options.select))  # there is nothing else to choose from
+        return without_units(kept, {*found.labels} - {*kept.labels})
     return found
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 import warnings
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import fields, replace
 from fnmatch import fnmatchcase
 from fractions import Fraction
 from itertools import accumulate
@@ -274,6 +274,21 @@ def unit_of(text: str, label: str, notes: list[str], *, about: str = "") -> str:
 
 def with_notes(metadata: dict[str, Any], notes: Sequence[str]) -> dict[str, Any]:
     return {**metadata, "notes": list(notes)} if notes else metadata
+
+
+def without_units(recording: Recording, labels: Iterable[str], *more: str) -> Recording:
+    """The recording without its notes on the units of channels that are not used, but with
+    ``more`` notes."""
+    named = tuple(f"of channel {label!r} " for label in labels)
+    notes = recording.metadata.get("notes", [])
+    if not isinstance(notes, list):
+        return recording
+    kept = [
+        note for note in notes
+        if not (str(note).startswith("the unit ") and any(name in note for name in named))
+    ]  # fmt: skip
+    rest = {key: value for key, value in recording.metadata.items() if key != "notes"}
+    return replace(recording, metadata=with_notes(rest, [*kept, *more]))
 
 
 def not_carried(recording: Recording, suffix: str, *carried: str) -> list[str]:

@@ -330,6 +330,9 @@ def _channels(archive: _Archive, ending: str, options: ReadOptions, notes: list[
     labels = archive.texts(f"channel_names{ending}") or keys
     labels = labels or [f"ch{i + 1}" for i in range(channels)]
     if len(labels) == ticks != channels:
+        if options.transpose:
+            text = "has a label for each row, so it is [channels, samples]: use transpose=False"
+            raise ParameterError(f"x{ending} {text}")
         raise ParameterError(
             f"x{ending} looks transposed; it is [channels, samples]: use transpose=True"
         )

@@ -44,7 +44,7 @@ from .exact import (
     stretches,
     words_size,
 )
-from .gridded import NO_STEP, Gridded, on_grid, without_odd_values
+from .gridded import INFINITE, KEPT, NO_STEP, Gridded, on_grid
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, sparse
 from .plan import Promise, check_error, promises_of, range_of, vector_promise
@@ -250,12 +250,8 @@ class Encoding:
         if len(recording) > LAST_TRACK_ID // 2:
             raise ParameterError(f"a recording has at most {LAST_TRACK_ID // 2} channels")
         self.recording, self.progress = recording, progress
-        self.recorded = [as_recorded(channel) for channel in recording.channels]
-        promises = promises_of(replace(recording, channels=tuple(self.recorded)), settings)
-        pairs = zip(self.recorded, promises, strict=True)
-        calm = [without_odd_values(*pair) for pair in pairs]
-        originals = [channel for channel, _ in calm]
-        self.notes = [note for _, note in calm]
+        originals = [as_recorded(channel) for channel in recording.channels]
+        promises = promises_of(replace(recording, channels=tuple(originals)), settings)
         cluster = settings.cluster_of(recording)
         searches = [LatticeSearch(channel.stored) for channel in originals]
         heads = heads_of(recording, settings)
@@ -300,7 +296,7 @@ class Encoding:
         settings = self.job.settings
         if settings.preset == "lossless" or not settings.smallest:
             return self.complete(parts)
-        choices = with_lossless(parts, self.job, self.recorded, self.rivals)
+        choices = with_lossless(parts, self.job, self.rivals)
         if len(choices) == 1:
             return self.complete(choices[0])
         return min(map(self.complete, choices), key=self.size_of)
@@ -313,8 +309,7 @@ class Encoding:
             shorten_units([part.unit for part in parts])
         decisions: list[Decision] = []
         for part in parts:
-            notes = self.notes[part.first : part.stop]
-            decisions += decide(part, job.originals, notes, self.recording)
+            decisions += decide(part, job.originals, self.recording)
         tracks, packets = number_tracks([part.unit for part in parts])
         exact = not any(decision.largest_error for decision in decisions)
         if exact and settings.preset != "lossless":
@@ -354,7 +349,7 @@ def encode_parts(
         return found
 
     prepared = list(in_order(gridded, numbers, job.threads))
-    tell_without_step(job.promises[first:stop], prepared, settings)
+    tell_kept(job.promises[first:stop], prepared, settings)
     groups = list(
         group_units(
             [each.channel for each in prepared],
@@ -385,10 +380,8 @@ def encode_parts(
             done(part.stop)
 
 
-def tell_without_step(
-    asked: Sequence[Promise], prepared: Sequence[Gridded], settings: Settings
-) -> None:
-    """Warn of amounts in steps for channels whose step is not known: they stay lossless."""
+def tell_kept(asked: Sequence[Promise], prepared: Sequence[Gridded], settings: Settings) -> None:
+    """Warn of channels that stay lossless: infinite samples, or amounts in steps without a step."""
     for option in ("max_error", "floor"):
         amount: Tolerance | None = getattr(settings, option)
         names = [
@@ -400,6 +393,9 @@ def tell_without_step(
             more = f" and {len(names) - 1} more" if names[1:] else ""
             text = f"{option} does nothing for {names[0]}{more}: {NO_STEP}; give it in a unit or %"
             warnings.warn(text, DataWarning, stacklevel=5)
+    for each in prepared:
+        if each.promise.why == INFINITE and np.isinf(each.channel.stored).any():
+            warnings.warn(KEPT.format(each.channel.label), DataWarning, stacklevel=5)
 
 
 def check_bound(channel: Channel, found: Gridded, settings: Settings) -> None:
@@ -525,25 +521,14 @@ Rivals = dict[tuple[int, int], list[PlacedUnit]]
 """Lossless parts by their first and last channel."""
 
 
-def with_lossless(
-    parts: list[PlacedUnit], job: EncodeJob, recorded: list[Channel], known: Rivals
-) -> list[list[PlacedUnit]]:
+def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> list[list[PlacedUnit]]:
     """The parts, where they are larger than the same channels without loss these in their place.
 
     A small recording has several choices, of which the smallest file counts, and the first of equal
     ones. ``known`` keeps the lossless parts for the next call.
     """
-    small = sum(channel.stored.size for channel in recorded) <= SMALL
-    lossless = replace(
-        job,
-        settings=job.lossless,
-        originals=recorded,
-        promises=[Promise()] * len(recorded),
-        searches=[
-            search if channel.stored is calm.stored else LatticeSearch(channel.stored)
-            for channel, calm, search in zip(recorded, job.originals, job.searches, strict=True)
-        ],
-    )
+    small = sum(channel.stored.size for channel in job.originals) <= SMALL
+    lossless = replace(job, settings=job.lossless, promises=[Promise()] * len(job.originals))
     rivals: list[PlacedUnit] = []
     doubtful = [small or may_lose(part) for part in parts]
     at = 0
@@ -570,7 +555,7 @@ def with_lossless(
     choices: dict[tuple[int, ...], list[PlacedUnit]] = {}
     for each in (rivals, alone, mixed, apart):
         choices.setdefault(tuple(id(part.unit.base) for part in each), each)
-    near = min(map(total_cost, choices.values())) + METADATA + UNSURE * len(recorded)
+    near = min(map(total_cost, choices.values())) + METADATA + UNSURE * len(job.originals)
     return [each for each in choices.values() if total_cost(each) <= near]
 
 
@@ -621,9 +606,7 @@ def smaller(parts: list[PlacedUnit], rivals: list[PlacedUnit]) -> Iterator[Place
         yield from theirs
 
 
-def decide(
-    part: PlacedUnit, originals: list[Channel], notes: list[str], recording: Recording
-) -> Iterator[Decision]:
+def decide(part: PlacedUnit, originals: list[Channel], recording: Recording) -> Iterator[Decision]:
     """What is reported of each channel of a unit; the bytes of a vector in equal parts."""
     unit, count = part.unit, len(part.members)
     pair = TrackPair(unit.base.track, unit.residual.track if unit.residual else None)
@@ -639,8 +622,7 @@ def decide(
         number = part.first + place
         reason, size = shares[place]
         given = recording.channels[number]
-        whys = [each.promise.why, "" if unit.instead else notes[place]]
-        why = ", ".join(why for why in whys if why and why != reason)
+        why = "" if each.promise.why == reason else each.promise.why
         missed = unit.missed
         if unit.instead and each.promise.texture is not None:
             missed = SMALLER_LOSSLESS

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codecs.grids import FINEST, LpcParameters, deadband_levels
-from ..recording import Channel, Span, append_span
+from ..recording import Channel
 from .lattice import LatticeSearch, on_uniform_grid, to_counts
 from .plan import Promise, extent_of
 from .settings import Settings, Tolerance
@@ -29,10 +29,8 @@ PAPER_SHARE = 1 / 32
 WIDER = 1.03
 """A grid of its own pays for its description if its step is at least this many times wider."""
 
-ODD_SHARE = 1000
-"""At most one infinite sample in 1000 becomes a gap; with more, the channel is lossless."""
-
-
+INFINITE = "infinite samples"
+KEPT = "channel {!r} is stored without loss: it has infinite samples; as NaN they would be gaps"
 NO_STEP = "no step is known, so an amount in lsb does not apply"
 
 
@@ -48,32 +46,6 @@ class Gridded:
     """Whether the grid is far finer than the promise; otherwise the grid is the quantiser."""
     finer: Gridded | None = None
     """Where the grid is the quantiser, a finer one that was found."""
-
-
-def without_odd_values(channel: Channel, promise: Promise) -> tuple[Channel, str]:
-    """A channel whose few infinite samples are gaps, and a note; no value is near an infinity."""
-    values = channel.stored
-    if promise.lossless or values.dtype.kind != "f":
-        return channel, ""
-    odd = ~np.isfinite(values)
-    count = int(np.count_nonzero(odd))
-    if not count or count > values.size // ODD_SHARE:
-        return channel, ""
-    spans: list[Span] = []
-    at = 0
-    for span in channel.coverage:
-        edges = np.flatnonzero(odd[at : at + span.ticks]) + span.start
-        start = span.start
-        for edge in edges.tolist():
-            if edge > start:
-                append_span(spans, Span(start, edge))
-            start = edge + 1
-        if start < span.stop:
-            append_span(spans, Span(start, span.stop))
-        at += span.ticks
-    exact = None if channel.exact is None else channel.exact[~odd]
-    changed = replace(channel, stored=values[~odd], coverage=tuple(spans), exact=exact)
-    return changed, f"{count} infinite samples became gaps"
 
 
 def on_grid(
@@ -110,7 +82,7 @@ def in_unit(
     floor = promise.floor
     assert floor is not None
     if channel.stored.dtype.kind not in "fiu" or not np.isfinite(x := channel.samples()).all():
-        return None, "infinite samples"
+        return None, INFINITE
     if not x.size:
         return None, "no samples"
     if floor.kind == "lsb":

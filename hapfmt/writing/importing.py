@@ -24,7 +24,7 @@ from ..convert import refuse_foreign
 from ..convert.formats import ReadOptions
 from ..convert.tables import Import, ImportColumn, ImportTable
 from ..encoder.encode import Decision
-from ..encoder.gridded import nearest
+from ..encoder.gridded import KEPT, nearest
 from ..encoder.live import (
     Block,
     ChannelEncoder,
@@ -411,6 +411,8 @@ class Importer:
             if self.settings.preset == "near-lossless":
                 error = self.settings.max_error.absolute(column.extent, column.step, column.unit)
                 check_error(self.settings, column.extent, error or 0.0, column.label, column.unit)
+                if inf in (-range_.low, range_.high):
+                    warnings.warn(KEPT.format(column.label), DataWarning, stacklevel=4)
 
     def first_columns(self) -> list[int]:
         firsts, at = [], 0
