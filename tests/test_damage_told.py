@@ -194,6 +194,11 @@ def test_where_nothing_can_be_read_nothing_is_said_to_be_kept(files):
         text = done.stderr.decode()
         assert done.returncode == 3 and said in text, text
         assert "no sample is known" not in text and "recover" not in text
+        done = run("decode", f"{name}.hapf", "o.csv", "--start", "1", cwd=files)
+        assert done.returncode == 3 and said in done.stderr.decode()
+        assert not (files / "o.csv").exists()
+    done = run("decode", "zero.hapf", "o.csv", cwd=files)
+    assert done.returncode == 3 and b"what was in it is not known" in done.stderr
 
 
 def test_the_length_is_that_of_the_packets_found(tmp_path):

@@ -95,8 +95,9 @@ def decode(
         with progress("decoding") as advance:
             recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
         nothing = (start is not None or stop is not None) and not recording.sample_count
-        if nothing and reader.lost:
-            complain("damage took the samples of this time range; nothing is written")
+        if (nothing and reader.lost) or (reader.findings and not reader.catalogue.tracks):
+            nothing = True
+            complain("No samples are left to decode; nothing is written")
         elif nothing:
             end = float(reader.duration)
             band_ = "" if band == "full" else f" of band {band}"
