@@ -435,6 +435,12 @@ class TestLabelsAndUnits:
             said = called("encode", tmp_path / "a.npz", tmp_path / "a.hapf", *given)
             assert said.code == bool(advice) and (advice or "") in said.err
 
+    @pytest.mark.parametrize("key", ["Time", "time_ms"])
+    def test_an_array_of_times_that_becomes_a_channel_is_noted(self, tmp_path: Path, key: str):
+        np.savez(tmp_path / "a.npz", **{key: np.arange(9) * 2.0, "f": np.ones(9)})
+        said = called("encode", tmp_path / "a.npz", tmp_path / "a.hapf", "--rate", 500)
+        assert f"note: key {key!r} is read as a channel; times in seconds" in said.err
+
     def test_a_hapf_file_has_its_own(self, tmp_path: Path) -> None:
         hapfmt.write(np.zeros(9), tmp_path / "a.hapf", rate=10)
         for verb, out in (("encode", "b.hapf"), ("convert", "b.npz")):

@@ -62,7 +62,7 @@ from ..recording import (
     spans_of,
     unique,
 )
-from ..times import STEADY, TickGrid, TimeStamps, deviation_note, whole_ns
+from ..times import STEADY, TickGrid, TimeStamps, deviation_note, time_name, whole_ns
 from .common import (
     CHANNEL_LIMIT,
     Dense,
@@ -327,6 +327,11 @@ def _channels(archive: _Archive, ending: str, options: ReadOptions, notes: list[
     if not channels:
         return _Group([])
     ticks = len(x[0])
+    notes += [
+        f"key {key!r} is read as a channel; times in seconds are read from the key 't'"
+        for key in keys
+        if time_name(key)
+    ]
     labels = archive.texts(f"channel_names{ending}") or keys
     labels = labels or [f"ch{i + 1}" for i in range(channels)]
     if len(labels) == ticks != channels:
