@@ -680,7 +680,11 @@ def coded_events(draw):
 
 def idle_settings(test):
     """Let a law meet settings that do nothing for its recording, which a DataWarning says."""
-    for text in ("no channel is known to be felt", ".* does nothing for .*. no step is known"):
+    for text in (
+        "no channel is known to be felt",
+        ".* does nothing for .*. no step is known",
+        ".* is stored without loss. it has infinite samples",
+    ):
         test = pytest.mark.filterwarnings(f"ignore:{text}")(test)
     return test
 

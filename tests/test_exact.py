@@ -122,6 +122,7 @@ class TestLoggers:
 AWKWARD = [0.0, -0.0, 5e-324, -5e-324, 2.0**53, -(2.0**60), 1e300, -1e308, np.inf, np.nan, 1e-300]
 
 
+@pytest.mark.filterwarnings("ignore:.* is stored without loss. it has infinite samples")
 @given(
     st.lists(st.sampled_from(AWKWARD) | st.floats(width=64) | st.floats(-1, 1), max_size=40),
     st.sampled_from(["lossless", "near-lossless", "perceptual"]),

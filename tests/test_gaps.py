@@ -106,6 +106,7 @@ class TestOnlyNan:
         with np.load(tmp_path / "out.npz") as arrays:
             assert np.array_equal(arrays["x"], NAN[None], equal_nan=True)
 
+    @pytest.mark.filterwarnings("ignore:.* is stored without loss. it has infinite samples")
     def test_infinities_are_no_gaps(self, tmp_path):
         x = np.where(np.arange(NAN.size) < 100, np.inf, -np.inf)
         for preset in PRESETS:

@@ -445,7 +445,7 @@ def refuse_output(name: str, format_: str | None, force: bool) -> None:
     """Refuses a target of another format, before any work."""
     from ..convert.formats import named, with_suffix
 
-    suffix = suffix_of(name, None, "")
+    suffix = Path(name).suffix.lower() if format_ else suffix_of(name, None, "")
     chosen = named(format_) if format_ else with_suffix(suffix, written=True)
     known = suffix == HAPF or with_suffix(suffix)
     if chosen and chosen.suffixes and suffix not in chosen.suffixes and known:
