@@ -95,6 +95,13 @@ def test_a_subset_reads_as_the_whole_does(
         assert edited.start < stop and edited.stop > start
 
 
+def test_an_exact_subset_between_two_ticks_of_a_slow_channel_has_none_of_its_samples() -> None:
+    file = made("lossless doubles")
+    part, _ = subset(file, ["slow"], Fraction(1, 3), Fraction(53, 150), exact=True)
+    assert_intact(part)
+    assert not hapfmt.read(part)["slow"].stored.size
+
+
 UNCUT = "packets are kept whole, since they cannot be cut without a loss"
 
 

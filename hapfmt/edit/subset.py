@@ -181,6 +181,8 @@ def overlapping(
             return None
         if cutter is None:
             return packet
+        if first >= last:  # a slow track has no tick in this range
+            return None
         if original.tracks[packet.track].kind == "events":
             return cutter.events(packet, first, last)
         return cutter.cut(packet, first, last) or packet
