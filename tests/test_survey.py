@@ -131,7 +131,7 @@ class TestSpectrum:
         assert spectrum.density() is None
 
 
-@given(st.sets(st.integers(0, 60)), st.integers(-5, 70), st.integers(-5, 70))
+@given(st.sets(st.integers(0, 60), min_size=1), st.integers(-5, 70), st.integers(-5, 70))
 def test_a_slice_has_the_ticks_between_its_ends(ticks, a, b):
     x = np.full(61, np.nan)
     x[sorted(ticks)] = sorted(ticks)
