@@ -228,6 +228,8 @@ class TestLadder:
         for path in sorted(DATA.rglob("*.npz"))[::every]:
             recording = hapfmt.read(path)
             some = tuple(c.slice_ticks(0, size) for c in recording.channels[:6])
+            if all(c.rate_exact <= 40 for c in some):  # too slow for a texture
+                continue
             part = replace(recording, channels=some)
             sizes = []
             for quality in ("low", "medium", "high"):

@@ -204,7 +204,7 @@ def way_of_counts(felt: FeltChannel, channel: Channel, first_channel: int) -> Wa
             coded = code_grid(whole, track, grid, nearest_uniform, smallest)
             if coded is None:
                 return None
-            error = int(np.abs(y - stored).max(initial=0))
+            error = furthest(y, stored, felt.x, calibration) if (y != stored).any() else 0
             if error:
                 coded.track = replace(coded.track, contract=uniform(error, calibration))
             reason = f"prediction on a uniform grid of {count * grid.step:.4g} {channel.unit}"
@@ -331,7 +331,7 @@ def way_of_transform(felt: FeltChannel, channel: Channel, first_channel: int) ->
         if coded is None:
             return None
         y = decode_all(coded, 1)[:, 0]
-        error = max(int(np.abs(y - stored).max(initial=0)), 1)
+        error = max(furthest(y, stored, felt.x, calibration), 1)
         coded.track = replace(coded.track, contract=uniform(error, calibration))
         unit = Unit(coded, None, "transformed", lapped.text(step, channel), channels=(channel,))
         return CodedTrial(step, calibration.physical(y), lambda _smallest: unit)
@@ -467,6 +467,15 @@ def step_for(sizes: Doubles, noise: float) -> float:
         error = np.where(zero, sizes * sizes, TRELLIS_NOISE * middle**2)
         low, high = (middle, high) if error.sum(axis=1).mean() / 2 < noise else (low, middle)
     return low
+
+
+def furthest(y: Indices, stored: Indices, x: Doubles, calibration: Calibration) -> int:
+    """Return the largest error in counts, of the prepared counts and of those nearest to x.
+
+    On a finer grid than that of the prepared counts, the two differ by the deviation.
+    """
+    nearest = counts_nearest(x, calibration)
+    return max(int(np.abs(y - counts).max(initial=0)) for counts in (stored, nearest))
 
 
 def uniform(error: int, calibration: Calibration) -> Contract:
