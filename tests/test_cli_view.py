@@ -146,7 +146,7 @@ class TestRefusals:
 
     @pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
     def test_of_a_pipe(self, room: Path) -> None:
-        """At once: nobody may ever write to it."""
+        """The error comes at once, since a pipe may never get a writer."""
         os.mkfifo(room / "pipe.hapf")
         done = run("view", "pipe.hapf", "--no-browser", cwd=room)
         assert (done.returncode, done.stdout) == (1, b"")

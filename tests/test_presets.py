@@ -323,7 +323,7 @@ class TestBoundThatFlattens:
 
     def test_the_decision_states_its_share_of_the_range(self):
         x = PUSH + 0.1 * NOISE
-        x[100] = 1e6  # a glitch is no part of the range
+        x[100] = 1e6  # the range leaves out a glitch
         decision, _ = decided(doubles(x, "N"), Settings.of("near-lossless", max_error="1%"))
         assert 0.009 < decision.relative_error <= 0.01 * (1 + 1e-9)
 

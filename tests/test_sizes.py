@@ -134,7 +134,7 @@ FIGURES = {
 TABLE = re.compile(r"^((?:\|.*\n){2})((?:\|.*\n)+)", re.M)
 NUMBER = re.compile(r"[-\u2212]?\d[\d.,]*( ?(%|dB|ms|s|[kMG]i?B|/.*))?")
 NO_FIGURES = re.compile(r"\| (offset|code( q)?|exit code) \|")
-"""Heads of tables whose numbers nobody measured."""
+"""Headings of tables without measured numbers."""
 
 
 @pytest.mark.parametrize("page", measured.PAGES, ids=lambda page: page.name)

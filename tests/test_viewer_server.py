@@ -240,7 +240,7 @@ class TestChanges:
 
     @pytest.mark.skipif(os.name == "nt", reason="links and pipes of POSIX")
     def test_a_link_or_a_pipe_under_its_name(self, own: tuple[Path, ViewServer]) -> None:
-        """Neither is read: not what the link points to, nor a pipe that nobody writes to."""
+        """The server reads neither the target of a link nor a pipe without a writer."""
         path, viewer = own
         (path.parent / "secret").write_bytes(b"secret")
         for make in (lambda: path.symlink_to("secret"), lambda: os.mkfifo(path), path.mkdir):
