@@ -173,6 +173,9 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     assert done.returncode == 1 and b"line 2: '0,5' is not a number" in done.stderr
     (tmp_path / "e.csv").write_text("Onset,duration,trial_type,channel\n0.5,,x,\n0.75,1e-1,y,2\n")
     assert run("annotate", "a.hapf", "--table", "e.csv", cwd=tmp_path).returncode == 0
+    (tmp_path / "odd.csv").write_text("onset,text,HED,response\n9,odd,a,b\n")
+    done = run("annotate", "a.hapf", "--table", "odd.csv", "-o", "odd.hapf", cwd=tmp_path)
+    assert b"odd.csv: left out, as events have no such columns: hed, response" in done.stderr
     lines = b'{"time": 3, "text": "z", "layer": "bob"}\n\n{"time": 0.1, "channel": "a"}\n'
     done = run("annotate", "a.hapf", "--table", "-", stdin=lines, cwd=tmp_path)
     assert done.stdout == b"a.hapf: 2 events added\n"

@@ -301,7 +301,8 @@ class TestClocks:
             "recordings; episode 1 is the next"
         )
         assert read(data, episode=1)["s"].counts.tolist() == list(range(200, 350))
-        assert read(data, episode=2).channels == ()
+        with pytest.raises(ParameterError, match="no stream has an episode 2; the first one is 0"):
+            read(data, episode=2)
         with pytest.raises(ParameterError, match="episode is a number from 0 on, not 'x'"):
             read(data, episode="x")
 

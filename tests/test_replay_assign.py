@@ -145,6 +145,10 @@ class TestWords:
         assert f"  play it --map '{label}={name}'\n" in said
         assert mapping([channel(label, body_site=f"right {name} finger")], GLOVE5) == {0: name}
 
+    def test_advice_names_no_actuator_elsewhere(self):
+        assert "--map " not in refused(["palm", "thumb", "index", "ring", "little"], GLOVE5)
+        assert "--map knob=thumb" in refused(["knob"], GLOVE5)
+
     def test_without_a_unit(self):
         """A channel without a unit drives only actuators that accept "1", and a note says so."""
         for name in BUILTIN:

@@ -137,6 +137,10 @@ def read_table(name: str, layer: str) -> list[Event]:
             events.append(event_of({**row, "time": time, "text": words}, layer))
         except ParameterError as error:
             raise ParameterError(f"line {number}: {error.message}", path=name) from None
+    known = {*TIMES, *TEXTS, "duration", "channel", "layer"}
+    odd = [key for key in dict.fromkeys(key for _, row in rows for key in row) if key not in known]
+    if odd:
+        note(f"{name}: left out, as events have no such columns: {', '.join(odd)}")
     return events
 
 

@@ -96,6 +96,8 @@ def read(source: Source, options: ReadOptions) -> Import:
         found, first, last = _episode(stream, options, notes)
         stamps.append(found)
         ranges.append((first, last))
+    if streams and options.episode is not None and all(first == last for first, last in ranges):
+        raise ParameterError(f"no stream has an episode {options.episode}; the first one is 0")
     numeric = [stream for stream in streams if stream.dtype]
     rates, is_forced = filled_rates(
         options.rate, [(s.name, s.rate, str(s.number)) for s in numeric], notes

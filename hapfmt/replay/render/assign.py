@@ -223,15 +223,28 @@ def apart(one: Sequence[str], other: Sequence[str]) -> bool:
     )
 
 
+def texts_of(ref: ChannelRef) -> dict[str, str]:
+    part = ref.track.components[ref.index]
+    return {"label": part.label, "body site": part.body_site, "axis": part.axis}
+
+
+def names_of(actuator: Actuator) -> list[tuple[str, ...]]:
+    return [words for text in (actuator.name, actuator.body_site) if (words := words_of(text))]
+
+
+def elsewhere(ref: ChannelRef, actuator: Actuator) -> bool:
+    """True if the channel is of another hand, finger or axis than the actuator."""
+    own = map(words_of, texts_of(ref).values())
+    return any(apart(words, others) for words in own for others in names_of(actuator))
+
+
 def evidence(ref: ChannelRef, actuator: Actuator) -> tuple[str, list[str]]:
     """Return why the words of a channel name an actuator, empty where they do not, and its other
     words that are not known, or name another hand, finger or axis."""
-    part = ref.track.components[ref.index]
-    own = {"label": part.label, "body site": part.body_site, "axis": part.axis}
-    theirs = [words for text in (actuator.name, actuator.body_site) if (words := words_of(text))]
-    spoken = {what: words for what, text in own.items() if (words := words_of(text))}
-    if any(apart(words, others) for words in spoken.values() for others in theirs):
+    if elsewhere(ref, actuator):
         return "", []
+    own, theirs = texts_of(ref), names_of(actuator)
+    spoken = {what: words for what, text in own.items() if (words := words_of(text))}
     its_words = set().union(*theirs)
     known = its_words.union(NEUTRAL, *(group for group in APART if not group & its_words))
     if "label" in spoken and spoken["label"] == words_of(actuator.name):
@@ -458,7 +471,7 @@ def advice(
                 actuator.name
                 for actuator in profile.actuators
                 if actuator.name not in chosen.values()
-                and (actuator.name in near or not near_only)
+                and (actuator.name in near if near_only else not elsewhere(ref, actuator))
                 and fit(ref, actuator)[0] is not None
             ]
             if free and ref.number not in chosen:
