@@ -86,9 +86,7 @@ class File:
         """A DATA chunk."""
         self.chunk("DATA", cluster(packets, self.file_id, self.sequence), times=times)
 
-    def chunk(
-        self, type_: str, payload: list[Field], times: tuple[int, int] = (0, 0)
-    ) -> None:
+    def chunk(self, type_: str, payload: list[Field], times: tuple[int, int] = (0, 0)) -> None:
         """``times``: of DATA, the start of its first packet and the end of its last one in ns."""
         body = joined(payload)
         header = [

@@ -557,9 +557,7 @@ def synthetic() -> Example:
     f.head()
     model = [u8(3, "intervals of 2^3 ticks"), u8(8, "8 intervals in a block")]
     slow = track("KNOT", kind=1, low=-100, high=100, tlvs=[knots()])
-    fast = track(
-        "NOIS", kind=2, low=-100, high=100, base=0, tlvs=[(1, "codec parameters", model)]
-    )
+    fast = track("NOIS", kind=2, low=-100, high=100, base=0, tlvs=[(1, "codec parameters", model)])
     f.chunk("TRAK", plain(slow, fast))
     gains, ks = [30, 34, 0], [100, -80]
     data = page_noise.encode(gains, [ks], 8, seed=2024)
@@ -644,8 +642,8 @@ def described() -> Example:
     ]
     f.cluster(rows, (0, 4 * MS))
     f.close()
-    note = """Every TLV of `HEAD` and of `TRAK`, and a description as a DEFLATE stream. Channel 0 is 0.1 N,
-channel 1 is (600 - 500) / 1000 = 0.1 N, channel 2 is 7. The byte 255 repeats the text before it;
+    note = """Every TLV of `HEAD` and of `TRAK`, and a description as a DEFLATE stream. Channel 0
+is 0.1 N, channel 1 is (600 - 500) / 1000 = 0.1 N, channel 2 is 7. The byte 255 repeats the text before it;
 a list of one entry applies to all components."""
     return Example(
         f, note, {"0": [span(0, *[100] * 4)], "1": [span(0, *[600] * 4)], "2": [span(0, *[7] * 4)]}

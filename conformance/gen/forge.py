@@ -146,10 +146,12 @@ def track(tlvs: bytes = HOLD, **given) -> bytes:
     single = {"component_count", "tlv_count"}
     out = bytes([both])
     for name, value in fields.items():
-        if isinstance(value, int):
-            signed = name.startswith("count_")
-            value = bytes([value]) if name in single else (svarint if signed else varint)(value)
-        out += value
+        if not isinstance(value, int):
+            out += value
+        elif name in single:
+            out += bytes([value])
+        else:
+            out += svarint(value) if name.startswith("count_") else varint(value)
     return out + tlvs
 
 

@@ -106,8 +106,8 @@ def chunks() -> Component:
         "clock-chunks",
         "6.10",
         ("CLK-001", "CLK-003", "CNV-004"),
-        "Payloads of cLOk and their tracks (null: none), observations as [tick, time_ns, uncertainty_ns], and of cMAp, points as "
-        "[tick, time_ns].",
+        "Payloads of cLOk and their tracks (null: none), observations as [tick, time_ns, "
+        "uncertainty_ns], and of cMAp, points as [tick, time_ns].",
         cases,
     )
 

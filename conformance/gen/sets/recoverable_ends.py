@@ -241,7 +241,8 @@ def closed_without() -> Iterator[Case]:
         damages=[("missing-chunk", place.at, 0)],
     )  # fmt: skip
     for name, at, damages, lost in (
-        ("payload", foot.payload, [("bad-payload", foot.at, foot.size), ("not-closed", end, 0)], []),
+        ("payload", foot.payload, [("bad-payload", foot.at, foot.size), ("not-closed", end, 0)],
+         []),
         ("header", foot.at + 9, [("garbage", foot.at, foot.size), ("not-closed", end, 0)],
          [(track, 84, None) for track in range(3)]),
     ):  # fmt: skip

@@ -141,7 +141,8 @@ def attached_file() -> Iterator[Case]:
         ["CHK-004", "REC-001", "HED-001"], "transmission/bit-flip", w.flip(laid.data, 8 + 28),
         decode=WHOLE | {"attachments": [told("other.hapf", other)]},
         damages=[
-            ("garbage", 8, laid.of("HEAD").size), ("missing-chunk", laid.of("TRAK").at, 0), ("missing-head", 8, 0),
+            ("garbage", 8, laid.of("HEAD").size), ("missing-chunk", laid.of("TRAK").at, 0),
+            ("missing-head", 8, 0),
         ],
     )  # fmt: skip
 

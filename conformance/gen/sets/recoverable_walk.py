@@ -73,7 +73,10 @@ def heads() -> Iterator[Case]:
     yield wrecked(
         "no-head-header", "The header of HEAD is damaged and there is no copy of it.",
         ["CHK-002", "HED-001", "REC-002"], "transmission/bit-flip", w.flip(DATA, 8 + 28),
-        damages=[("garbage", 8, HEAD_PLACE.size), ("missing-chunk", TRAK_PLACE.at, 0), ("missing-head", 8, 0)],
+        damages=[
+            ("garbage", 8, HEAD_PLACE.size), ("missing-chunk", TRAK_PLACE.at, 0),
+            ("missing-head", 8, 0),
+        ],
     )  # fmt: skip
     yield wrecked(
         "no-head-payload", "The payload of HEAD is damaged: limits of level 2, no epoch.",

@@ -245,7 +245,8 @@ def heads() -> Iterator[Case]:
         ("of-16-digits", 0x0123456789ABCDEF),
     ):  # fmt: skip
         yield uncommon(
-            f"file-id-{name}", "A file id like any other, and the UUID that follows from it.", ["CHK-003", "CHK-004", "DAT-004"],
+            f"file-id-{name}", "A file id like any other, and the UUID that follows from it.",
+            ["CHK-003", "CHK-004", "DAT-004"],
             FIVES, data=with_id(file_id), head=known(file_id),
         )  # fmt: skip
     yield uncommon(
@@ -358,7 +359,8 @@ class Growing:
         self.add("iNDX", f.index(rows, previous=previous, first=first))
 
     def foot(self, duration_ns: int) -> None:
-        self.add("fOOT", f.foot(len(self.data) - max(self.indexes or [len(self.data)]), duration_ns))
+        distance = len(self.data) - self.indexes[-1] if self.indexes else 0
+        self.add("fOOT", f.foot(distance, duration_ns))
 
 
 def data(packet: Packet) -> tuple[str, bytes]:

@@ -300,5 +300,6 @@ def numbers() -> Iterator[Case]:
         Track(id=300, kind="lf", packets=[fives(value=1)]),
         Track(id=301, kind="hf", base=300, joined=True, packets=[fives(value=2)]),
         Track(id=65532, channel=1, packets=[fives(value=3)]),
-        Track(id=65533, channel=1, continues=65532, joined=True, packets=[fives(start=4, cluster=1)]),
+        Track(id=65533, channel=1, continues=65532, joined=True,
+              packets=[fives(start=4, cluster=1)]),
     )  # fmt: skip
