@@ -343,9 +343,7 @@ def coded() -> Example:
         svarint(0, "first knot: index 0 of component 0"),
         svarint(5, "index 5 of component 1"),
         varint(3, "3 knots after it"),
-        raw(packet[3:5], "gaps: class 0, one state; averages begin at 32"),
-        raw(packet[5:7], "differences: class 0, raw signs; averages begin at 32"),
-        raw(packet[7:], "coded bytes"),
+        raw(packet[3:], "coded bytes: gaps and differences, by bits"),
     ]
     f.cluster([(0, 0, body, 10)], (0, 10 * MS))
     f.close()
