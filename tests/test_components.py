@@ -29,6 +29,7 @@ from component_programs import (
     lengths,
     lpcr_packet,
     lpcx,
+    models,
     nois,
     noise,
     noise_gains,
@@ -175,7 +176,7 @@ def digest(case):
 PROGRAMS = {
     "varint": varint, "svarint": svarint, "division": division, "clamp": clamped,
     "crc32": checksum, "file-crc": file_checksum,
-    "strings": strings, "classes": classes, "lengths": lengths,
+    "strings": strings, "classes": classes, "lengths": lengths, "models": models,
     "entropy-coder": entropy_coder, "knot": knot, "coded-knots": coded_knots,
     "codebook": codebook, "quan": quan, "rawb": rawb, "evnt": evnt, "sine": sine, "predictor": predictor, "grid": grid,
     "noise": noise, "noise-gains": noise_gains, "lattice": lattice, "nois": nois,
