@@ -11,7 +11,7 @@ from singles import decode_counts, decode_exact
 
 from hapfmt.codecs import predicted as lpcr
 from hapfmt.codecs import transform as mdct
-from hapfmt.codecs.entropy import Decoder, Lengths, Model, ends_of
+from hapfmt.codecs.entropy import Decoder, FlagModel, Lengths, ends_of
 from hapfmt.codecs.events import parse_events
 from hapfmt.codecs.exact import ExactParameters, ordered, unordered, values_of
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
@@ -92,7 +92,7 @@ def lengths(case):
 
 def models(case):
     if "bits" in case:
-        model, p = Model(), []
+        model, p = FlagModel(), []
         for bit in case["bits"]:
             model.learn(bit, case["limit"])
             p.append(model.p)

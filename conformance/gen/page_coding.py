@@ -201,10 +201,12 @@ def code_integers(coder, count, number, a, signs, integers=None):
 
 
 class Model:
-    """P.p and P.n; ``limit`` is that of all its flags."""
+    """P.p and P.n of a letter and contexts; ``limit`` is that of all its flags."""
 
-    def __init__(self, limit: int):
-        self.p, self.n, self.limit = 32768, 0, limit
+    def __init__(self, letter: str, *place: int):
+        self.p, self.n, self.limit = 32768, 0, 5 if letter == "A" else 7
+        if letter in "AB" and place[1] < place[0] - {"A": 2, "B": 5}[letter]:
+            self.p, self.n = 8192, 2
 
     def learn(self, bit: int) -> None:
         t = min(bits_of(self.n + 2) - 1, self.limit)
@@ -227,7 +229,7 @@ def code_by_bits(coder, count, signs, integers=None, kept=None):
     models = {} if kept is None else kept
 
     def model(*place):
-        return models.setdefault(place, Model(5 if place[0] == "A" else 7))
+        return models.setdefault(place, Model(*place))
 
     out, a, b, s, d = [], 0, 0, 0, 0
     for number in range(count):

@@ -181,8 +181,8 @@ def models() -> Component:
     }
     cases: list[Case] = []
     for name, bits in rows.items():
-        for limit in (5, 7):
-            model, p = coding.Model(limit), []
+        for letter, limit in (("A", 5), ("B", 7)):
+            model, p = coding.Model(letter, 0, 0), []
             for bit in bits:
                 model.learn(bit)
                 p.append(model.p)

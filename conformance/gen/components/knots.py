@@ -151,8 +151,8 @@ def coded_knots() -> Component:
     rows: list[tuple] = [
         ("one knot", "linear", 7, bytes.fromhex("09")),
         ("two, linear", "linear", 9, bytes.fromhex("02010040c000")),
-        ("four, held", "hold", 40, bytes.fromhex("0e03010c2170480001")),
-        ("four, linear", "linear", 31, bytes.fromhex("00030001520484b40400cc")),
+        ("four, held", "hold", 40, bytes.fromhex("0e03029260bc210001")),
+        ("four, linear", "linear", 31, bytes.fromhex("0003393503082100cc")),
         ("two components", "hold", 20, bytes.fromhex("0204010010c25f69052d"), 2),
         ("many, held", "hold", 200, e(many, False)),
         ("many, linear", "linear", 200, e([*many, (199, [4])], True)),

@@ -59,7 +59,7 @@ def cases() -> Iterator[Case]:
 def examples() -> Iterator[Case]:
     held = [
         coded(
-            bytes.fromhex("0E 03 01 0C 21 70 48 00 01"),
+            bytes.fromhex("0E 03 02 92 60 BC 21 00 01"),
             [(0, [7]), (3, [9]), (12, [2]), (13, [3])],
             40,
         )
@@ -69,7 +69,7 @@ def examples() -> Iterator[Case]:
         coded(bytes.fromhex("02 01 00 40 C0 00"), [(0, [1]), (8, [5])], 9,
               LINEAR, start=7),
         coded(
-            bytes.fromhex("00 03 00 01 52 04 84 B4 04 00 CC"),
+            bytes.fromhex("00 03 39 35 03 08 21 00 CC"),
             [(0, [0]), (10, [20]), (12, [-3]), (30, [1])], 31, LINEAR, start=16,
         ),
     ]  # fmt: skip

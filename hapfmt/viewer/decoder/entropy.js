@@ -24,11 +24,14 @@ const CLASS_SHARES = [];
 // Models of integers by bits: A and B of a context side by side, then C and D. A model is 256 * p and n + 2, up to 255.
 const KINDS = 36; // k is below
 export const EVEN = (32768 << 8) | 2;
+const RARE = (8192 << 8) | 4; // that a number is small after large ones
 const A = 0;
 const B = A + 9 * KINDS;
 const C = B + 12 * KINDS;
 const D = C + KINDS;
-const MODELS = D + 3;
+const FRESH = new Int32Array(D + 3).fill(EVEN);
+for (let i = 3; i < 9; i++) FRESH.fill(RARE, A + KINDS * i, A + KINDS * i + i - 2);
+for (let j = 6; j < 12; j++) FRESH.fill(RARE, B + KINDS * j, B + KINDS * j + j - 5);
 const LOUD = 64; // a and b from here on have the last of the contexts by g
 
 const QUICK_BOUND = 2 ** 28; // of averages: h <= 17, and all but the escapes fit 32 bits
@@ -380,7 +383,7 @@ export class EntropyDecoder {
   // A section of integers by bits, with signs or without.
   byBits(count, signed, out) {
     this.section();
-    const models = new Int32Array(MODELS).fill(EVEN);
+    const models = FRESH.slice();
     let a = 0; // the magnitudes before, as far as contexts tell them apart
     let b = 0;
     let s = 0;
