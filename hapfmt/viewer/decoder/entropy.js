@@ -21,15 +21,15 @@ const ROWS = [
 const CLASS_ENDS = [];
 const CLASS_SHARES = [];
 
-// Models of integers by bits: A and B of a context side by side, then C and D. A model is 256 * p and n + 2, up to 255.
-const KINDS = 36; // k is below
+// Models of integers by bits: rows of A, of B, then C and D. A model is 256 * p + n + 2, where n + 2 stops at 255.
+export const KINDS = 36; // k is below
 export const EVEN = (32768 << 8) | 2;
 const RARE = (8192 << 8) | 4; // that a number is small after large ones
 const A = 0;
 const B = A + 9 * KINDS;
-const C = B + 12 * KINDS;
-const D = C + KINDS;
-const FRESH = new Int32Array(D + 3).fill(EVEN);
+export const C = B + 12 * KINDS;
+export const D = C + KINDS;
+export const FRESH = new Int32Array(D + 3).fill(EVEN);
 for (let i = 3; i < 9; i++) FRESH.fill(RARE, A + KINDS * i, A + KINDS * i + i - 2);
 for (let j = 6; j < 12; j++) FRESH.fill(RARE, B + KINDS * j, B + KINDS * j + j - 5);
 const LOUD = 64; // a and b from here on have the last of the contexts by g
@@ -137,6 +137,14 @@ export function readLengths(reader) {
   if (weights.every((weight) => weight === 0)) broken('RNG-004', 'lengths without a weight', offset);
   return { first, ends: lengthEnds(weights) };
 }
+
+// Where the rows of A and B for the next integer begin.
+export function nearOf(a, b) {
+  const g = 2 * a + b;
+  return A + KINDS * (g < 3 ? g : g < LOUD ? 33 - Math.clz32(g) : 8);
+}
+
+export const loudOf = (s) => B + KINDS * (s < 1024 ? 32 - Math.clz32(s) : 11);
 
 // The model after a bit.
 export function learn(model, bit, limit) {
@@ -389,9 +397,8 @@ export class EntropyDecoder {
     let s = 0;
     let d = 0;
     for (let i = 0; i < count; i++) {
-      const g = 2 * a + b;
-      let near = A + KINDS * (g < 3 ? g : g < LOUD ? 33 - Math.clz32(g) : 8);
-      let loud = B + KINDS * (s < 1024 ? 32 - Math.clz32(s) : 11);
+      let near = nearOf(a, b);
+      let loud = loudOf(s);
       let k = 0;
       while (this.flag(4096 - (((models[near] >>> 8) + (models[loud] >>> 8)) >> 5)) === 0) {
         models[near] = learn(models[near], 0, 5);
