@@ -11,7 +11,7 @@ from singles import decode_counts, decode_exact
 
 from hapfmt.codecs import predicted as lpcr
 from hapfmt.codecs import transform as mdct
-from hapfmt.codecs.entropy import Decoder, Lengths, ends_of
+from hapfmt.codecs.entropy import Decoder, FlagModel, Lengths, ends_of
 from hapfmt.codecs.events import parse_events
 from hapfmt.codecs.exact import ExactParameters, ordered, unordered, values_of
 from hapfmt.codecs.grids import LpcParameters, deadband_levels
@@ -90,6 +90,22 @@ def lengths(case):
     return {"ends": list(Lengths(0, bytes(case["weights"])).ends)}
 
 
+def models(case):
+    if "bits" in case:
+        model, p = FlagModel(), []
+        for bit in case["bits"]:
+            model.learn(bit, case["limit"])
+            p.append(model.p)
+        return {"p": p}
+    after, values = [], []
+    for count in range(len(case["values"]) + 1):
+        coder = Decoder(bytes.fromhex(case["coded"]), 0, 1)
+        values = list(coder.by_bits(count, signs=case["signs"]))
+        after.append([*coder.states, coder.front, coder.raw_bits])
+    coder.finish()
+    return {"values": values, "after": after}
+
+
 def entropy_coder(case):
     coder, after, found = Decoder(bytes.fromhex(case["coded"]), 0, case["states"]), [], []
     for section in case["sections"]:
@@ -110,6 +126,8 @@ def section_of(coder, section):
         coder.section()
         table = Lengths(section["first"], bytes(section["weights"]))
         return [coder.by_length(table, signs=True) for _ in values]
+    if kind.startswith("by bits"):
+        return list(coder.by_bits(len(values), signs=kind == "by bits"))
     signs = kind == "class"
     return list(coder.integers(len(values), section["class"], section["start"], signs=signs))
 

@@ -29,6 +29,7 @@ from component_programs import (
     lengths,
     lpcr_packet,
     lpcx,
+    models,
     nois,
     noise,
     noise_gains,
@@ -111,10 +112,10 @@ def salvage(case):
 def clock_chunk(case):
     payload = bytes.fromhex(case["payload"])
     if case["chunk"] == "cMAp":
-        found = parse_map(payload, None, 0)
+        found = parse_map(payload, 0)
         rows = [[large(n) for n in point] for point in found.points]
         return {"clock": found.clock, "points": rows}
-    seen = parse_clock(payload, None, 0)
+    seen = parse_clock(payload, 0)
     rows = [[large(n) for n in row] for row in seen.rows]
     return {"clock": seen.clock, "observations": rows}
 
@@ -175,7 +176,7 @@ def digest(case):
 PROGRAMS = {
     "varint": varint, "svarint": svarint, "division": division, "clamp": clamped,
     "crc32": checksum, "file-crc": file_checksum,
-    "strings": strings, "classes": classes, "lengths": lengths,
+    "strings": strings, "classes": classes, "lengths": lengths, "models": models,
     "entropy-coder": entropy_coder, "knot": knot, "coded-knots": coded_knots,
     "codebook": codebook, "quan": quan, "rawb": rawb, "evnt": evnt, "sine": sine, "predictor": predictor, "grid": grid,
     "noise": noise, "noise-gains": noise_gains, "lattice": lattice, "nois": nois,

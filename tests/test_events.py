@@ -31,7 +31,7 @@ from hapfmt.writing.filewriter import FileWriter
 
 HEAD = ("HEAD", f.head())
 NAMED = f.tlv(2, f.strings("touch"))
-LAYER = ("TRAK", f.layer(NAMED, rate_num=1000), {"track": 1})
+LAYER = ("TRAK", f.layer(NAMED, rate_num=1000, first=1))
 
 
 def written(recording, settings=None):
@@ -65,7 +65,7 @@ def told(data, **asked):
 
 class TestLayer:
     """
-    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` and `linked` 0xFFFF. Of the TLVs of 6.2 it has only 2, 14 and 22. No other kind has that codec.
+    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min, count_max, `first_channel` and `linked` 0. Of the TLVs of 6.2 it has only 2, 14 and 22. No other kind has that codec.
     EVT-003: `size` and `channel` MUST be at most 65535. In a closed file `channel` is 0 or that of an existing channel, which only verifiers check.
     """
 
@@ -79,7 +79,7 @@ class TestLayer:
 
     def test_what_it_may_say_of_itself(self):
         tlvs = NAMED + f.tlv(14, f.strings("button")) + f.tlv(22, b"by hand") + f.tlv(24, b"?")
-        both = ("TRAK", f.layer(tlvs, track_count=2), {"track": 1})
+        both = ("TRAK", f.layer(tlvs, track_count=2, first=1))
         data = f.closed(HEAD, f.TRACK_0, both, f.DATA_0)
         assert rule(data) == ("intact", None)
         first, second = Reader(data).catalogue.layers
@@ -88,7 +88,7 @@ class TestLayer:
 
     def test_no_channel_is_its_own(self):
         assert [ref.number for ref in Reader(MARKS).channels] == [0]
-        low = ("TRAK", f.layer(), {"track": 0})
+        low = ("TRAK", f.layer())
         assert rule(f.closed(HEAD, low)) == ("intact", None)
 
     def test_a_file_that_is_not_closed_may_still_get_the_channel(self):
@@ -96,7 +96,7 @@ class TestLayer:
         assert rule(open_) == ("damaged", "FIL-003")
 
     def test_unknown_ones_leave_the_channels_alone(self):
-        strange = ("TRAK", f.layer(codec=b"XVNT"), {"track": 1})
+        strange = ("TRAK", f.layer(codec=b"XVNT", first=1))
         data = f.closed(HEAD, f.TRACK_0, strange, f.DATA_0)
         assert verify(data).verdict == "unsupported"
         assert samples(data) == {(0, tick): 5 for tick in range(4)}
@@ -271,7 +271,7 @@ class TestLimits:
 
 class TestDigests:
     """
-    DGS-001: The payload MUST be a positive multiple of 32 bytes. The tracks are described before it; none is of kind events, since events may be added to a closed file.
+    DGS-001: Whole digests MUST follow the track id, one at least, and fill the payload. The tracks are described before it; none is of kind events, since events may be added to a closed file.
     """
 
     def test_none_is_written(self):

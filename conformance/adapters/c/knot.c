@@ -13,7 +13,7 @@
 #include <string.h>
 
 enum { ERROR = 1, NONCONFORMING = 2, DAMAGED = 3, UNSUPPORTED = 4 }; /* clause 13 */
-enum { HEADER = 36 }; /* bytes of a chunk header */
+enum { HEADER = 32 }; /* bytes of a chunk header */
 enum { TRACKS = 65534, COMPONENTS = 255, PAYLOAD = 1 << 20 };
 enum { CLUSTER = 1 << 22, SPAN = 1 << 24, PACKETS = 1 << 14 };
 enum { BOUND = 1 << 24 }; /* of counts, and of steps (15) */
@@ -101,27 +101,39 @@ static int64_t rdiv(int64_t n, int64_t d) {
 
 /* -- descriptions (6.1 to 6.3) -- */
 
+typedef struct { int type; Bytes value; } Tlv;
+
+static Tlv tlv(Bytes *in, int last) { /* the next one, of a type above `last` */
+    int64_t type = varint(in), size = varint(in);
+    if (type <= last || type > 65535) stop(NONCONFORMING, "the type of a TLV [TLV-001]");
+    const uint8_t *at = take(in, (size_t)size);
+    return (Tlv){(int)type, {at, at + size}};
+}
+
 static void head(Bytes in, FILE *json, uint64_t file_id) {
-    const uint8_t *at = take(&in, 44);
-    int dated = number(at + 36, 8) != UINT64_MAX, named = 0;
-    if (at[0] != 1 || number(at + 4, 4)) stop(UNSUPPORTED, "another version [VER-001]");
+    const uint8_t *at = take(&in, 3), *uuid = NULL, *epoch = NULL;
+    if (at[0] != 1) stop(UNSUPPORTED, "another version [VER-001]");
     if (at[2] != 1) stop(UNSUPPORTED, "level %d [HED-004]", at[2]);
-    while (in.at < in.end) {
-        const uint8_t *tlv = take(&in, 4);
-        if (tlv[0] & 1) stop(UNSUPPORTED, "a critical TLV in HEAD [TLV-003]");
-        take(&in, (size_t)number(tlv + 2, 2));
+    for (int last = -1; in.at < in.end;) {
+        Tlv one = tlv(&in, last);
+        last = one.type;
+        if (last & 1) stop(UNSUPPORTED, "a critical TLV in HEAD [TLV-003]");
+        if ((last == 2 || last == 4) && one.value.end - one.value.at != 16)
+            stop(NONCONFORMING, "the size of a TLV in HEAD [HED-002]");
+        if (last == 2) uuid = one.value.at;
+        if (last == 4) epoch = one.value.at;
     }
     fprintf(json, "{\"head\": {\"major\": 1, \"minor\": %d, \"level\": 1, "
-            "\"file_id\": \"0x%016" PRIx64 "\"", at[1], file_id);
-    for (int i = 0; i < 16; i++) named |= at[12 + i];
-    fputs(named ? ", \"uuid\": \"" : ", \"uuid\": null", json);
-    for (int i = 0; i < 16 && named; i++) fprintf(json, "%02x", at[12 + i]);
-    if (named) fputc('"', json);
-    if (dated)
-        fprintf(json, ", \"epoch_ns\": \"%" PRId64 "\", \"epoch_uncertainty_ns\": \"%" PRIu64 "\"}",
-                (int64_t)number(at + 28, 8), number(at + 36, 8));
+            "\"file_id\": \"0x%016" PRIx64 "\", \"uuid\": \"", at[1], file_id);
+    for (int i = 0; i < 16 && uuid; i++) fprintf(json, "%02x", uuid[i]);
+    if (!uuid)
+        fprintf(json, "%012" PRIx64 "8%03x8%x00000000000000", file_id >> 16,
+                (unsigned)(file_id >> 4 & 0xFFF), (unsigned)(file_id & 15));
+    if (epoch)
+        fprintf(json, "\", \"epoch_ns\": \"%" PRId64 "\", \"epoch_uncertainty_ns\": \"%" PRIu64
+                "\"}", (int64_t)number(epoch, 8), number(epoch + 8, 8));
     else
-        fputs(", \"epoch_ns\": null, \"epoch_uncertainty_ns\": null}", json);
+        fputs("\", \"epoch_ns\": null, \"epoch_uncertainty_ns\": null}", json);
 }
 
 static void deadband_levels(Track *track, int64_t kn, int64_t kd) { /* 9.5 */
@@ -273,33 +285,35 @@ static void inflate(Bits in, uint8_t *out, size_t size) { /* to exactly `size` b
 /* -- tracks (6.3) -- */
 
 static void describe_one(Bytes *in, Track *track) {
-    const uint8_t *at = take(in, 28);
+    const uint8_t *at = take(in, 6);
     int critical = 0, has_setup = 0;
     track->described = 1;
-    track->components = at[1];
-    track->kind = at[2];
-    track->format = at[3];
-    track->rate[0] = (uint32_t)number(at + 8, 4);
-    track->rate[1] = (uint32_t)number(at + 12, 4);
-    track->low = (int32_t)(uint32_t)number(at + 16, 4);
-    track->high = (int32_t)(uint32_t)number(at + 20, 4);
-    memcpy(track->codec, at + 4, 4);
-    for (int left = at[0]; left > 0; left--) {
-        const uint8_t *tlv = take(in, 4);
-        unsigned type = (unsigned)number(tlv, 2);
-        size_t size = (size_t)number(tlv + 2, 2);
-        Bytes value = {take(in, size), NULL};
-        value.end = value.at + size;
-        if (type == 1) set_up(track, at + 4, value);
-        has_setup |= type == 1;
-        critical |= type & 1 && type > 3;
+    track->kind = at[0] & 15;
+    track->format = at[0] >> 4;
+    memcpy(track->codec, at + 1, 4);
+    track->components = at[5];
+    for (int i = 0; i < 2; i++) {
+        int64_t part = varint(in);
+        if (part < 1 || part > UINT32_MAX) stop(NONCONFORMING, "a rate [TRK-002]");
+        track->rate[i] = (uint32_t)part;
+    }
+    track->low = svarint(in);
+    track->high = svarint(in);
+    varint(in); /* first_channel */
+    varint(in); /* linked */
+    for (int left = *take(in, 1), last = -1; left > 0; left--) {
+        Tlv one = tlv(in, last);
+        last = one.type;
+        if (last == 1) set_up(track, at + 1, one.value);
+        has_setup |= last == 1;
+        critical |= last & 1 && last > 3;
     }
     if (critical || track->kind > 2 || track->format || !has_setup) track->known = 0;
     if (!track->known) outcome = UNSUPPORTED; /* TRK-011, TLV-003 */
 }
 
-static void describe(Bytes in, unsigned id) {
-    int64_t size = varint(&in);
+static void describe(Bytes in) {
+    int64_t id = varint(&in), size = varint(&in);
     uint8_t *plain = NULL;
     if (id < TRACKS && tracks[id].described) return; /* a copy (TRK-003) */
     if (size >= PAYLOAD) stop(NONCONFORMING, "tracks that are too long [TRK-020]");
@@ -319,7 +333,9 @@ static void describe(Bytes in, unsigned id) {
 
 /* -- entropy coding (9.4) -- */
 
-typedef struct { Bytes in; int64_t x[4], states, next, raw; int lane; } Coder;
+typedef struct { Bytes in; int64_t x, next, raw; } Coder; /* of one state */
+
+typedef struct { int64_t p, n; } Model;
 
 static int64_t byte_at(const Coder *c, int64_t at) {
     return at >= 0 && at < c->in.end - c->in.at ? c->in.at[at] : 0;
@@ -342,128 +358,77 @@ static int64_t raw_bits(Coder *c, int count) {
     return value;
 }
 
-static int coded(Coder *c, const int *ends) { /* the next symbol */
-    int64_t *x = c->x + c->lane, slot = *x % 4096;
-    int k = 0;
-    while (slot >= ends[k]) k++;
-    int first = k ? ends[k - 1] : 0;
-    *x = (ends[k] - first) * (*x / 4096) + slot - first;
-    if (*x < 65536) *x = *x * 65536 + word(c);
-    c->lane = (c->lane + 1) % (int)c->states;
-    return k;
+static int coded(Coder *c, int64_t zeros) { /* 1 or 0, with the ends zeros and 4096 */
+    int64_t slot = c->x % 4096;
+    int bit = slot >= zeros;
+    c->x = bit ? (4096 - zeros) * (c->x / 4096) + slot - zeros : zeros * (c->x / 4096) + slot;
+    if (c->x < 65536) c->x = c->x * 65536 + word(c);
+    return bit;
 }
 
-static const int EDGE[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 20, 28, 44};
-static const int MORE[] = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 2, 3, 4};
+static void learn(Model *m, int bit, int limit) {
+    int t = 1;
+    while (t < limit && (m->n + 2) >> (t + 1)) t++;
+    m->p += bit ? (65535 - m->p) >> t : -(m->p >> t);
+    m->n++;
+}
 
-static void class_ends(int class, int c, int *ends) {
-    static const int row[][4] = { /* shape, scale, zeros, half */
-        {8, 38, 0, 0}, {32, 24, 0, 0}, {-4, 38, 0, 0}, {-7, 24, -1, 0}, {64, 14, 0, 0}, {8, 38, 0, 1},
-        {16, 76, 32, 0}, {0, 38, 0, 1}, {32, 17, 0, 0}, {8, 28, 0, 1}, {8, 14, 0, 1}, {-4, 76, 0, 1},
-        {-6, 38, 0, 0}, {16, 24, -1, 0}, {64, 24, 0, 0}, {0, 14, 0, 1}};
-    const int *r = row[class];
-    int64_t mean = ((((int64_t)(9 + 2 * ((c + 8) % 4)) << (c + 8) / 4) / 8 + 1) * r[1]) / 64 + 1;
-    int64_t ratio = 65536 * mean / (mean + 256), g = 65536, one = 0;
-    for (int w = 1, k = 0; k < 15; w++) {
-        if (w == 1 && r[3]) {
-            g = 0;
-            for (int64_t bit = 32768; bit; bit /= 2)
-                if ((g + bit) * (g + bit) <= 65536 * ratio) g += bit;
-        } else
-            g = g * ratio / 65536;
-        if (w < EDGE[k + 1]) continue;
-        int64_t tail = (8 + r[0]) * g * 65536 / (8 * 65536 + r[0] * g);
-        if (w == 1) one = tail;
-        tail = r[2] < 0 ? tail * 64512 / (one ? one : 1) : tail * (64 - r[2]) / 64;
-        ends[k] = k + 1 + (int)((65536 - (tail < 65535 ? tail : 65535)) * 4080 / 65536);
-        k++;
+static int flag(Coder *c, Model *m) { /* of one model */
+    int bit = coded(c, 4096 - m->p / 16);
+    learn(m, bit, 7);
+    return bit;
+}
+
+static int bits_of(int64_t x, int most) {
+    int bits = 0;
+    while (bits < most && x >> bits) bits++;
+    return bits;
+}
+
+static void by_bits(Coder *c, int64_t count, int with_signs, int64_t *out) {
+    enum { KINDS = 36 }; /* k is below */
+    static Model a_[9][KINDS], b_[12][KINDS], c_[KINDS], d_[3];
+    int64_t a = 0, b = 0, s = 0, d = 0;
+    const Model even = {32768, 0}, rare = {8192, 2};
+    for (int k = 0; k < KINDS; k++) {
+        for (int i = 0; i < 9; i++) a_[i][k] = k < i - 2 ? rare : even;
+        for (int j = 0; j < 12; j++) b_[j][k] = k < j - 5 ? rare : even;
+        c_[k] = even;
     }
-    ends[15] = 4096;
-}
-
-typedef struct { int coding, start, first, ends[64]; uint8_t signs[3]; } Row; /* of numbers */
-
-static void row_of(Bytes *in, int unused, Row *row) {
-    int sum = 0, total = 0;
-    row->coding = *take(in, 1);
-    if (row->coding & unused) stop(NONCONFORMING, "a coding [RNG-004]");
-    row->start = *take(in, 1);
-    if (row->coding & 64) {
-        int n = *take(in, 1);
-        const uint8_t *weights = take(in, (size_t)n);
-        row->first = row->start;
-        for (int i = 0; i < n; i++) total += weights[i];
-        if (row->coding & 15 || n < 1 || row->first + n > 35 || !total)
-            stop(NONCONFORMING, "lengths [RNG-004]");
-        for (int i = 0; i < n; i++)
-            row->ends[i] = i + 1 + (4096 - n) * (sum += weights[i]) / total;
-    } else if (row->start > 163)
-        stop(NONCONFORMING, "a start byte [RNG-004]");
-}
-
-static void by_length(Coder *c, const Row *row, int64_t count, int with_signs, int64_t *out) {
-    for (int64_t i = 0; i < count; i++) {
-        int bits = row->first + coded(c, row->ends);
-        out[i] = bits ? (int64_t)1 << (bits - 1) | raw_bits(c, bits - 1) : 0;
-        if (with_signs && bits && raw_bits(c, 1)) out[i] = -out[i];
-        check(c);
-    }
-}
-
-static void by_class(Coder *c, const Row *row, int64_t count, int with_signs, int64_t *out) {
-    const int64_t bound = (int64_t)1 << 34;
-    int64_t f = (int64_t)(4 + row->start % 4) << row->start / 4, s = f;
-    for (int64_t at = 0; at < count; at += 8) {
-        int n = count - at < 8 ? (int)(count - at) : 8, lg = 0, ends[16], k[8];
-        int64_t mean = (f + s) / 2, sum = 0;
-        while (mean >> (lg + 1)) lg++;
-        int h = lg > 10 ? lg - 10 : 0, low = lg - h, context = 4 * low + (int)(mean * 4 >> lg) % 4 - 8;
-        class_ends(row->coding & 15, context < 0 ? 0 : context, ends);
-        for (int i = 0; i < n; i++) k[i] = coded(c, ends);
-        for (int i = 0; i < n; i++) {
-            int64_t u;
-            if (k[i] == 15) {
-                int bits = (int)raw_bits(c, 6);
-                if (bits > 34) stop(NONCONFORMING, "2^34 or more [RNG-003]");
-                u = ((int64_t)1 << bits) + raw_bits(c, bits) + 43;
-                if (u >> (34 - h)) stop(NONCONFORMING, "2^34 or more [RNG-003]");
-                u = u << h | raw_bits(c, h);
-            } else
-                u = ((int64_t)EDGE[k[i]] << h) + raw_bits(c, MORE[k[i]] + h);
-            if (u >= bound) stop(NONCONFORMING, "2^34 or more [RNG-003]");
-            sum += u;
-            out[at + i] = with_signs && u && raw_bits(c, 1) ? -u : u;
+    for (int i = 0; i < 3; i++) d_[i] = even;
+    for (int64_t t = 0; t < count; t++) {
+        int64_t g = 2 * a + b;
+        Model *near = a_[g < 3 ? g : 1 + bits_of(g, 7)], *loud = b_[bits_of(s, 11)];
+        int bit = 0, k = 0;
+        for (; k < KINDS && !bit; k++) {
+            bit = coded(c, 4096 - (near[k].p + loud[k].p) / 32);
+            learn(near + k, bit, 5);
+            learn(loud + k, bit, 7);
         }
-        check(c);
-        int64_t rise = 32 * sum - f, slow = 3 * (32 * sum - s);
-        f += rise >= 0 ? rise / 2 : -((1 - rise) / 2);
-        s += slow >= 0 ? slow / 16 : -((15 - slow) / 16);
-    }
-}
-
-static void row_decode(Coder *c, const Row *row, int64_t count, int with_signs, int64_t *out) {
-    c->lane = 0;
-    if (row->coding & 64) by_length(c, row, count, with_signs, out);
-    else by_class(c, row, count, with_signs, out);
-}
-
-static void signs_decode(Coder *c, const uint8_t *p, int64_t count, int64_t *out) {
-    c->lane = 0;
-    for (int64_t i = 0, last = 0; i < count; i++) {
-        if (out[i]) {
-            int ends[] = {4096 - 16 * p[last + 1], 4096};
-            if (coded(c, ends)) out[i] = -out[i];
+        if (!bit) {
             check(c);
+            stop(NONCONFORMING, "k is 36 [RNG-003]");
         }
-        last = (out[i] > 0) - (out[i] < 0);
+        int64_t u = --k;
+        if (k > 2) {
+            u = (int64_t)(2 + flag(c, c_ + k)) << (k - 3);
+            u += 1 + raw_bits(c, k - 3);
+            if (u >> 34) stop(NONCONFORMING, "2^34 or more [RNG-003]");
+        }
+        if (with_signs && u) d = 1 + flag(c, d_ + d);
+        check(c);
+        out[t] = u && d == 2 ? -u : u;
+        b = a;
+        a = u;
+        int64_t rise = 64 * u - s;
+        s += rise >= 0 ? rise / 8 : -((7 - rise) / 8);
     }
 }
 
 static void coder_end(Coder *c) {
     int64_t back = (c->raw + 7) / 8;
-    int other = 0;
-    for (int i = 0; i < c->states; i++) other |= c->x[i] != 65536;
-    if (other || c->next + back != c->in.end - c->in.at || raw_bits(c, (int)(8 * back - c->raw)))
+    if (c->x != 65536 || c->next + back != c->in.end - c->in.at ||
+        raw_bits(c, (int)(8 * back - c->raw)))
         stop(NONCONFORMING, "the coded bytes end otherwise [RNG-001]");
 }
 
@@ -471,24 +436,12 @@ static void coder_end(Coder *c) {
 
 /* Gaps, and then the differences of each component. */
 static void coded_rows(Bytes in, int64_t gaps, int64_t differences, int64_t *out) {
-    Row first, second;
-    row_of(&in, 128 + 32, &first);
-    row_of(&in, 128 + 16, &second);
-    int own = second.coding & 32;
-    if (own) {
-        memcpy(second.signs, take(&in, 3), 3);
-        for (int i = 0; i < 3; i++)
-            if (!second.signs[i]) stop(NONCONFORMING, "a probability of 0 [RNG-004]");
-    }
-    Coder c = {in, {0}, first.coding & 16 ? 4 : 1, 0, 0, 0};
-    for (int i = 0; i < c.states; i++) {
-        c.x[i] = word(&c) << 16;
-        c.x[i] |= word(&c);
-    }
+    Coder c = {in, 0, 0, 0};
+    c.x = word(&c) << 16;
+    c.x |= word(&c);
     check(&c);
-    row_decode(&c, &first, gaps, 0, out);
-    row_decode(&c, &second, differences, !own, out + gaps);
-    if (own) signs_decode(&c, second.signs, differences, out + gaps);
+    by_bits(&c, gaps, 0, out);
+    by_bits(&c, differences, 1, out + gaps);
     coder_end(&c);
 }
 
@@ -631,20 +584,19 @@ static void walk(Bytes in, FILE *json) {
         const uint8_t *h = in.at;
         size_t size = (size_t)number(h + 20, 4);
         uint32_t seed = crc32(0, h + 8, 8); /* a file CRC goes on from here */
-        if (memcmp(h, sync, 4) || crc32(0, h, 32) != number(h + 32, 4)) break;
+        if (memcmp(h, sync, 4) || crc32(0, h, 28) != number(h + 28, 4)) break;
         if ((size_t)(in.end - h - HEADER) < size) break;
-        if (crc32(seed, h + HEADER, size) != number(h + 28, 4)) break;
+        if (crc32(seed, h + HEADER, size) != number(h + 24, 4)) break;
         if (number(h + 16, 4) != sequence || (sequence && number(h + 8, 8) != file_id)) break;
         file_id = number(h + 8, 8);
         in.at += HEADER + size;
         closed = !memcmp(h + 4, "fOOT", 4);
         Bytes payload = {h + HEADER, h + HEADER + size};
-        int known = known_type(h + 4) && !h[26];
-        if (!known && !(h[4] & 32)) stop(UNSUPPORTED, "unknown critical chunk [CHK-009]");
+        if (!known_type(h + 4) && !(h[4] & 32)) stop(UNSUPPORTED, "unknown critical chunk [CHK-009]");
         if (!sequence && memcmp(h + 4, "HEAD", 4)) stop(NONCONFORMING, "no HEAD [HED-001]");
         if (!sequence) head(payload, json, file_id);
-        if (known && !memcmp(h + 4, "TRAK", 4)) describe(payload, (unsigned)number(h + 24, 2));
-        if (known && !memcmp(h + 4, "DATA", 4)) cluster(payload, crc_of_number(seed, sequence));
+        if (!memcmp(h + 4, "TRAK", 4)) describe(payload);
+        if (!memcmp(h + 4, "DATA", 4)) cluster(payload, crc_of_number(seed, sequence));
     }
     if (!sequence) stop(NONCONFORMING, "no chunk");
     if (in.at < in.end || !closed) outcome = DAMAGED;

@@ -70,7 +70,8 @@ function candidates(index) {
   return found.sort((a, b) => a.cost - b.cost);
 }
 
-const CLASSES = [0, 4, 7]; // light tails, even ones, heavy ones
+const BY_BITS = 64;
+const WAYS = [0, 4, 7, BY_BITS]; // classes of light tails, of even ones, of heavy ones
 
 function packetOf(index, { g, k, e }, repeats, number) {
   const coder = new EntropyEncoder();
@@ -86,10 +87,11 @@ function packetOf(index, { g, k, e }, repeats, number) {
   }
   const errors = e.filter((_, t) => same[t] === 0);
   const start = startOf(errors);
-  coder.integers(errors, number, start);
+  if (number === BY_BITS) coder.byBits(errors, true);
+  else coder.integers(errors, number, start);
   const bytes = [g | (repeats ? 8 : 0), k.length, ...k.map((v) => v & 255)];
   putSvarint(bytes, index[0]);
-  bytes.push(number | (coder.many ? 16 : 0), start, ...p);
+  bytes.push(number | (coder.many ? 16 : 0), ...(number === BY_BITS ? [] : [start]), ...p);
   const coded = coder.finish();
   const packet = new Uint8Array(bytes.length + coded.length);
   packet.set(bytes);
@@ -107,6 +109,6 @@ export function encodeComponent(index) {
   const [best] = candidates(index);
   const repeating = index.filter((v, t) => t > 0 && v === index[t - 1]).length;
   const ways = 4 * repeating < index.length ? [false] : [false, true];
-  const packets = ways.flatMap((repeats) => CLASSES.map((number) => packetOf(index, best, repeats, number)));
+  const packets = ways.flatMap((repeats) => WAYS.map((number) => packetOf(index, best, repeats, number)));
   return packets.reduce((least, packet) => (packet.length < least.length ? packet : least));
 }

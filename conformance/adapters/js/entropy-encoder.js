@@ -1,5 +1,7 @@
 // The encoder of 9.4: sections of symbols are noted, and coded from the last to the first.
-import { BUCKET_BITS, EDGES, averageFrom, classEnds, contextOf } from '../../../hapfmt/viewer/decoder/entropy.js';
+import {
+  BUCKET_BITS, C, D, EDGES, FRESH, averageFrom, classEnds, contextOf, learn, loudOf, nearOf,
+} from '../../../hapfmt/viewer/decoder/entropy.js';
 import { POWERS, bitLength } from '../../../hapfmt/viewer/decoder/integers.js';
 
 const LEAST = 65536;
@@ -9,6 +11,7 @@ export class EntropyEncoder {
   constructor() {
     this.sections = [];
     this.back = []; // raw bits
+    this.alone = false; // one state, however many symbols
   }
 
   section() {
@@ -61,8 +64,38 @@ export class EntropyEncoder {
     }
   }
 
+  // A section of integers by bits, with signs or without; the coder has one state.
+  byBits(e, signed) {
+    this.section();
+    const models = FRESH.slice();
+    const flag = (bit, places) => {
+      const width = places.reduce((sum, place) => sum + (models[place] >>> 8), 0) >> (places.length === 2 ? 5 : 4);
+      this.note(bit === 1 ? 4096 - width : 0, bit === 1 ? width : 4096 - width);
+      places.forEach((place, i) => { models[place] = learn(models[place], bit, i === 0 && places.length === 2 ? 5 : 7); });
+    };
+    let [a, b, s, d] = [0, 0, 0, 0];
+    for (const integer of e) {
+      const u = Math.abs(integer);
+      const last = u < 3 ? u : bitLength(u - 1) + 1;
+      for (let k = 0; k <= last; k++) flag(k === last ? 1 : 0, [nearOf(a, b) + k, loudOf(s) + k]);
+      if (last > 2) {
+        const half = POWERS[last - 3];
+        flag(Math.floor((u - 1) / half) - 2, [C + last]);
+        this.raw((u - 1) % half, last - 3);
+      }
+      if (signed && u > 0) {
+        flag(integer < 0 ? 1 : 0, [D + d]);
+        d = integer < 0 ? 2 : 1;
+      }
+      b = a;
+      a = u;
+      s += Math.floor((64 * u - s) / 8);
+    }
+    this.alone = true;
+  }
+
   get many() {
-    return this.sections.reduce((sum, section) => sum + section.length, 0) >= MANY;
+    return !this.alone && this.sections.reduce((sum, section) => sum + section.length, 0) >= MANY;
   }
 
   finish() {

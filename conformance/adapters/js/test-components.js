@@ -14,7 +14,7 @@ import { COSINES, Coefficients, cosine, decodeTransformed, readHeader, transform
 import { Lattice, gainOf, noiseAt } from '../../../hapfmt/viewer/decoder/nois.js';
 import { SINES, predictorOf } from '../../../hapfmt/viewer/decoder/predictor.js';
 import { makeCode, readCodebook } from '../../../hapfmt/viewer/decoder/quan.js';
-import { CONTEXTS, EntropyDecoder, classEnds, lengthEnds } from '../../../hapfmt/viewer/decoder/entropy.js';
+import { CONTEXTS, EVEN, EntropyDecoder, classEnds, learn, lengthEnds } from '../../../hapfmt/viewer/decoder/entropy.js';
 import { hex, sha256 } from '../../../hapfmt/viewer/decoder/sha256.js';
 
 const COUNT_BOUND = 2 ** 24; // of level 1
@@ -145,6 +145,21 @@ export const components = {
   lengths(c) {
     return { ends: [...lengthEnds(c.weights)] };
   },
+  models(c) {
+    if (c.bits) {
+      let model = EVEN;
+      return { p: c.bits.map((bit) => (model = learn(model, bit, c.limit)) >>> 8) };
+    }
+    let values;
+    const after = Array.from({ length: c.values.length + 1 }, (_, count) => {
+      const coder = new EntropyDecoder(bytesOf(c.coded), 0, 1);
+      values = new Float64Array(count);
+      coder.byBits(count, c.signs, values);
+      if (count === c.values.length) coder.finish();
+      return [coder.states[0], coder.front, coder.rawBits];
+    });
+    return { after, values: [...values] };
+  },
   'entropy-coder'(c) {
     const coder = new EntropyDecoder(bytesOf(c.coded), 0, c.states);
     const after = [];
@@ -156,6 +171,7 @@ export const components = {
       if (kind === 'bits') coder.repeats(count + 1, p, out);
       else if (kind === 'signs') coder.signs(count, p, out);
       else if (kind === 'lengths') coder.byLength(count, { first: section.first, ends: lengthEnds(section.weights) }, true, out);
+      else if (kind.startsWith('by bits')) coder.byBits(count, kind === 'by bits', out);
       else coder.integers(count, section.class, section.start, kind === 'class', out);
       after.push([...coder.states, coder.front, coder.rawBits]);
       return { ...section, values: [...(kind === 'bits' ? out.subarray(1) : out)] };

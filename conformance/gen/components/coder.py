@@ -52,6 +52,10 @@ def lengths() -> Component:
     )
 
 
+FOUR_STATES = 5
+"""Sections of kinds that may have four states; those by bits have one."""
+
+
 def sections(seed: int, count: int) -> list[dict]:
     """Of every kind, with what they are coded by."""
     rng = Luck(seed)
@@ -64,6 +68,8 @@ def sections(seed: int, count: int) -> list[dict]:
         {"kind": "class, unsigned", "class": 15, "start": 20, "values": [abs(e) for e in calm]},
         {"kind": "lengths", "first": 0, "weights": [5, 9, 1, 0, 3, 200, 1], "values": calm},
         {"kind": "signs", "p": [200, 128, 3], "values": calm},
+        {"kind": "by bits", "values": [e // 8 for e in calm]},
+        {"kind": "by bits, unsigned", "values": [abs(e) for e in numbers]},
     ]
 
 
@@ -78,6 +84,8 @@ def code(coder: Coder, section: dict, *, told: bool) -> list[int]:
     if kind == "lengths":
         table = section["first"], section["weights"]
         return coding.code_lengths(coder, count, table, True, given)
+    if kind.startswith("by bits"):
+        return coding.code_by_bits(coder, count, kind == "by bits", given)
     signed = kind == "class"
     return coding.code_integers(coder, count, section["class"], section["start"], signed, given)
 
@@ -108,11 +116,13 @@ def coders() -> Component:
     cases = []
     for seed in range(1, 9):
         rows = sections(seed, seed * seed + 3)
+        cases.append(coder_case(f"seven sections, {seed}", rows, 1))
+        cases.append(coder_case(f"five sections, {seed}, 4 states", rows[:FOUR_STATES], 4))
+    for place, row in enumerate(sections(3, 20)):
         cases += [
-            coder_case(f"five sections, {seed}, {states} states", rows, states) for states in (1, 4)
+            coder_case(f"{row['kind']}, {states} states", [row], states)
+            for states in ((1, 4) if place < FOUR_STATES else (1,))
         ]
-    for row in sections(3, 20):
-        cases += [coder_case(f"{row['kind']}, {states} states", [row], states) for states in (1, 4)]
     cases.append(coder_case("nothing", [], 1))
     three = [{"kind": "class", "class": 8, "start": 8, "values": [5, -9, 30]}]
     spare = coded(three, 1)
@@ -140,6 +150,13 @@ def coders() -> Component:
             # Other numbers come out first: what counts is that the end does not fit.
             case: Case = {"name": name, "states": 1, "coded": data, "sections": one}
             cases.append({**case, "error": ["RNG-001", "RNG-003"]})
+    for name, last in (
+        ("the largest magnitude", 2**34 - 1),
+        ("a magnitude of 2^34", 2**34),
+        ("k = 36", 2**34 + 1),
+    ):
+        values = [{"kind": "by bits", "values": [0, -last]}]
+        cases.append(coder_case(f"{name}, by bits", values, 1))
     return Component(
         "entropy-coder",
         "9.4",
@@ -152,7 +169,62 @@ def coders() -> Component:
     )
 
 
+def models() -> Component:
+    """Single flags, and whole sections integer by integer."""
+    luck = Luck(7)
+    rows = {
+        "ones": [1] * 700,
+        "zeros": [0] * 700,
+        "in turn": [0, 1] * 100,
+        "ones after zeros": [0] * 300 + [1] * 40,
+        "one in ten": [int(luck.below(10) == 0) for _ in range(300)],
+    }
+    cases: list[Case] = []
+    for name, bits in rows.items():
+        for letter, limit in (("A", 5), ("B", 7)):
+            model, p = coding.Model(letter, 0, 0), []
+            for bit in bits:
+                model.learn(bit)
+                p.append(model.p)
+            cases.append({"name": f"{name}, limit {limit}", "bits": bits, "limit": limit, "p": p})
+    for name, signs, values in traced():
+        case: Case = {"name": name, "signs": signs}
+        coder = Coder()
+        coding.code_by_bits(coder, len(values), signs, values)
+        data, kept = coder.finish(), {}
+        decoder = Coder(data)
+        after = [[decoder.x[0], decoder.front, len(decoder.raw)]]
+        for count in range(1, len(values) + 1):
+            decoder, kept = Coder(data), {}
+            assert coding.code_by_bits(decoder, count, signs, kept=kept) == values[:count]
+            after.append([decoder.x[0], decoder.front, len(decoder.raw)])
+        learnt: dict[str, list] = {letter: [] for letter in "ABCD"}
+        for (letter, *place), model in sorted(kept.items()):
+            learnt[letter].append([*place, model.p, model.n])
+        cases.append({**case, "coded": data, "values": values, "after": after, "models": learnt})
+    return Component(
+        "models",
+        "9.4",
+        ("RNG-001", "RNG-003"),
+        "Models: `p` after each bit, from 32768 on. Sections of integers by bits: `after` the first "
+        "state, and then each integer: the state, bytes taken at the front, and raw bits. `models` "
+        "that the section has used, in its end: contexts (A: i, k; B: j, k; C: k; D: d), p and n.",
+        cases,
+    )
+
+
+def traced() -> Iterator[tuple[str, bool, list[int]]]:
+    luck = Luck(8)
+    yield "zeros and ones", True, [luck.choice((0, 0, 0, 1, -1)) for _ in range(60)]
+    yield "without signs", False, [luck.choice((0, 0, 1, 2, 3, 4, 9)) for _ in range(60)]
+    yield "signs", True, [luck.choice((0, 3, 3, 3, -3)) for _ in range(60)]
+    yield "every size", True, [(-1) ** n * (2 ** (n // 2) + n % 2) for n in range(68)]
+    yield "loud, then silence", True, [2**20, -(2**20), *[0] * 50, 1]
+    yield "one", True, [-1]
+
+
 def components() -> Iterator[Component]:
     yield classes()
+    yield models()
     yield lengths()
     yield coders()

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import page
 from lpcr import EVEN
 from luck import walk
+from page import BY_BITS
 
 from .component import Case, Component, also, tried
 
@@ -59,6 +60,11 @@ def packets() -> Component:
         ("four states", e(slow, g=1, ks=ks, states=4), 60),
         ("signs of their own", e(slow, g=2, signs=(200, 128, 40), number=7, start=30), 60),
         ("three sections", e(held, repeats=(9, 99, 199, 250), signs=(1, 2, 3), states=4), 60),
+        ("by bits", e(slow, number=BY_BITS), 60),
+        ("by bits, second differences", e(slow, g=2, number=BY_BITS), 60),
+        ("by bits, with repeats", e(held, number=BY_BITS, repeats=EVEN), 60),
+        ("by bits, one tick", e([-3], number=BY_BITS), 1),
+        ("by bits, zeros", e([0] * 999 + [1, -1, 0], number=BY_BITS), 1002),
         ("largest index", e([2**24, -(2**24)]), 2),
         ("two components, no references", p([e(slow, g=1), e(other, g=2)]), 60, 2),
         (
@@ -121,8 +127,8 @@ def packets() -> Component:
             "LPC-005",
             "LPC-006",
             "LPC-007",
-            "LPC-006",
             "RNG-001",
+            "RNG-003",
             "RNG-004",
             "COD-001",
         ),
@@ -164,7 +170,15 @@ def broken(slow: list[int]) -> Iterator[tuple]:
     yield "bit 5 of the flags", bytes.fromhex("20000016"), 2
     yield "bit 7 of the flags", bytes.fromhex("80000016"), 2
     yield "no coding", bytes.fromhex("000000"), 2
-    yield "coding with bit 6", good[:3] + b"\x40" + good[4:], 60
+    quiet = e(slow, number=BY_BITS)
+    for bit in (0, 4, 5, 7):
+        yield f"by bits with bit {bit}", quiet[:3] + bytes([64 + 2**bit]) + quiet[4:], 60
+    yield "by bits, a byte left over", quiet + b"\0", 60
+    yield "by bits, a byte is missing", quiet[:-1], 60
+    yield "by bits, one tick fewer", quiet, 59
+    yield "by bits, no bytes", quiet[:4], 60
+    yield "by bits, 2^34", e([0], number=BY_BITS, forge=[2**34]), 1
+    yield "by bits, k is 36", e([0], number=BY_BITS, forge=[2**34 + 1]), 1
     yield "a start byte of 164", good[:4] + b"\xa4" + good[5:], 60
     yield "a probability is 0", bytes.fromhex("080000000c01000101") + bytes(4), 2
     yield "the predictor is too large", bytes([0, 32, *([127] * 32), 0]), 4

@@ -34,15 +34,15 @@ def filled(packet: bytes) -> bytes:
     return packet[:-1] + bytes([packet[-1] | 128])
 
 
-def another_end(packet: bytes) -> bytes:
+def another_end(packet: bytes, at: int) -> bytes:
     """The packet whose state begins 4096 higher: the same symbols, and another state at the end."""
-    state = int.from_bytes(packet[5:9], "big") + 4096
-    return packet[:5] + state.to_bytes(4, "big") + packet[9:]
+    state = int.from_bytes(packet[at : at + 4], "big") + 4096
+    return packet[:at] + state.to_bytes(4, "big") + packet[at + 4 :]
 
 
-def largest() -> bytes:
-    """A prediction error of 2^34, which no index needs."""
-    return page.encode([0], forge=[2**34])
+def largest(number: int = 0, error: int = 2**34) -> bytes:
+    """A prediction error of 2^34 or more, which no index needs."""
+    return page.encode([0], number=number, forge=[error])
 
 
 SOME = [3, -1, 4, 1, -5, 9]
@@ -50,6 +50,7 @@ HEAD = b"\0\0\0"
 """Flags, order and base."""
 
 ONE = page.encode([1])
+QUIET = page.encode([1], number=page.BY_BITS)
 CODING = [
     ("coded-and-a-byte", "RNG-001", "A byte follows the coded bytes.", predicted(ONE + b"\0")),
     ("coded-byte-between", "RNG-001", "A byte of zeros is between front and back.",
@@ -60,7 +61,7 @@ CODING = [
     ("coded-state-cut-short", "RNG-001", "Of four states the last has three bytes.",
      predicted(HEAD + b"\x10\x0c" + b"\0\1\0\0" * 3 + b"\0\1\0")),
     ("coded-ends-with-another-state", "RNG-001", "The last state is not 65536.",
-     predicted(another_end(ONE))),
+     predicted(another_end(ONE, 5))),
     ("coded-bits-for-too-much", ("RNG-001", "LPC-003", "RNG-003"),
      "Ten coded bytes give 2^22 ticks.",
      predicted(HEAD + b"\0\x0c" + b"\xFF" * 10, 2**22)),
@@ -71,7 +72,10 @@ CODING = [
     ("coding-without-start", "RNG-004", "The start byte is missing.", predicted(HEAD + b"\0")),
     ("coding-start-164", "RNG-004", "The start byte is 164.",
      predicted(HEAD + b"\0\xa4" + ONE[5:])),
-    ("coding-bit-6", "RNG-004", "Bit 6 of the coding is 1.", predicted(HEAD + b"\x40" + ONE[4:])),
+    *[(f"coding-bits-{name}", "RNG-004", f"Bits {name.replace('-', ' ')} of the coding are 1.",
+       predicted(HEAD + bytes([coding]) + QUIET[4:]))
+      for name, coding in (("0-and-6", 0x41), ("4-and-6", 0x50), ("5-and-6", 0x60),
+                           ("6-and-7", 0xC0))],
     ("coding-bit-7", "RNG-004", "Bit 7 of the coding is 1.", predicted(HEAD + b"\x80" + ONE[4:])),
     ("repeats-of-probability-0", "RNG-004", "The last probability of repeats is 0.",
      predicted(b"\x08\0\0\0\x0c\1\1\1\0" + b"\0\1\0\0")),
@@ -81,6 +85,35 @@ CODING = [
      predicted(HEAD + b"\x20\x0c\0\1\1" + b"\0\1\0\0")),
     ("signs-without-probability", "RNG-004", "Of three probabilities two are there.",
      predicted(HEAD + b"\x20\x0c\1\1")),
+]  # fmt: skip
+
+LATE = page.encode(SOME, number=page.BY_BITS)
+BY_BITS = [
+    ("by-bits-and-a-byte", "RNG-001", "A byte follows the coded bytes.", predicted(QUIET + b"\0")),
+    ("by-bits-byte-between", "RNG-001", "A byte of zeros is between front and back.",
+     predicted(LATE[:-1] + b"\0" + LATE[-1:], 6)),
+    ("by-bits-byte-missing", "RNG-001", "The last coded byte is missing.", predicted(LATE[:-1], 6)),
+    ("by-bits-none", "RNG-001", "No byte is coded.", predicted(HEAD + b"\x40", 64)),
+    ("by-bits-state-cut-short", "RNG-001", "The state has three bytes.",
+     predicted(HEAD + b"\x40\0\1\0")),
+    ("by-bits-ends-with-another-state", "RNG-001", "The last state is not 65536.",
+     predicted(another_end(QUIET, 4))),
+    ("by-bits-filled-with-a-one", "RNG-001", "A 1 follows the last raw bit.",
+     predicted(filled(LATE), 6)),
+    ("by-bits-with-start", ("RNG-001", "LPC-003", "RNG-003"), "A start byte follows the coding.",
+     predicted(QUIET[:4] + b"\x0c" + QUIET[4:])),
+    ("by-bits-integer-of-2-to-34", "RNG-003", "An integer by bits is 2^34.",
+     predicted(largest(page.BY_BITS))),
+    ("by-bits-integer-of-k-36", "RNG-003", "An integer by bits has k = 36.",
+     predicted(largest(page.BY_BITS, 2**34 + 1))),
+    ("by-bits-for-too-much", ("RNG-001", "LPC-003", "RNG-003"), "Ten coded bytes give 2^22 ticks.",
+     predicted(HEAD + b"\x40" + b"\xFF" * 10, 2**22)),
+    ("by-bits-without-a-one", ("RNG-001", "RNG-003"), "Zeros alone are coded: k passes all bounds.",
+     predicted(HEAD + b"\x40" + bytes(200))),
+    ("by-bits-repeats-of-probability-0", "RNG-004", "The first probability of repeats is 0.",
+     predicted(b"\x08\0\0\x40\0\1\1\1" + b"\0\1\0\0")),
+    ("by-bits-repeats-without-probability", "RNG-004", "Of four probabilities three are there.",
+     predicted(b"\x08\0\0\x40\1\1\1")),
 ]  # fmt: skip
 
 FIRST = b"\3\x10\0\0"
@@ -196,9 +229,6 @@ def knots(*rows: tuple[int, int], linear: bool = False) -> bytes:
     return page.encode_knots([(tick, [index]) for tick, index in rows], linear)
 
 
-ROWS = b"\0\x0c\0\x0c"
-"""Gaps and differences of class 0."""
-
 KNOTS = [
     ("coded-knots-none", "CNV-002", "A packet of coded knots is empty.", held(b""), None, 2),
     ("coded-knots-component-missing", "CNV-002", "The second component has no first index.",
@@ -219,21 +249,14 @@ KNOTS = [
      held(knots((0, 0), (1, BOUND + 1)))),
     ("coded-knots-and-a-byte", "RNG-001", "A byte follows the coded bytes.",
      held(knots((0, 0), (1, 1)) + b"\0")),
-    ("coded-knots-byte-missing", "RNG-001", "No byte is coded.", held(b"\0\1" + ROWS)),
-    *[(f"coded-knots-{name}", "RNG-004", about, held(b"\0\1" + row)) for name, about, row in [
-        ("no-coding", "Nothing follows f.", b""),
-        ("one-coding", "The differences have no coding.", b"\0\x0c"),
-        ("gaps-with-signs", "The gaps have signs of their own.", b"\x20\x0c\0\x0c"),
-        ("gaps-bit-7", "Bit 7 of a coding is 1.", b"\x80\x0c\0\x0c"),
-        ("four-states-twice", "The differences tell of states.", b"\0\x0c\x10\x0c"),
-        ("start-164", "A start byte is 164.", b"\0\x0c\0\xa4"),
-        ("lengths-and-class", "A row has lengths and a class.", b"\x41\0\1\1\0\x0c"),
-        ("lengths-none", "A table of lengths is empty.", b"\x40\0\0\0\x0c"),
-        ("lengths-of-36", "A table goes to 36 bits.", b"\x40\x23\1\1\0\x0c"),
-        ("lengths-of-weight-0", "All weights of a table are 0.", b"\x40\0\2\0\0\0\x0c"),
-        ("lengths-cut-short", "A table ends before its weights.", b"\x40\0\2\1"),
-        ("signs-cut-short", "Of three probabilities two are there.", b"\0\x0c\x20\x0c\1\1"),
-    ]],
+    ("coded-knots-byte-missing", "RNG-001", "The last byte is missing.", held(knots((0, 0), (1, 1))[:-1])),
+    ("coded-knots-coded-none", "RNG-001", "Nothing follows f.", held(b"\0\1")),
+    ("coded-knots-difference-of-2-to-34", "RNG-003", "A difference is 2^34.",
+     held(knots((0, 0), (1, 2**34)))),
+    ("coded-knots-gap-of-2-to-34", "RNG-003", "A gap is 2^34.",
+     held(knots((0, 0), (2**34 + 1, 1)))),
+    ("coded-knots-ends-with-another-state", "RNG-001", "The last state is not 65536.",
+     held(another_end(knots((0, 0), (1, 1)), 2))),
 ]  # fmt: skip
 
 COUNTS = b"\3\x10\0\x0a"
@@ -360,7 +383,7 @@ EXACT = [
 
 
 def cases() -> Iterator[Case]:
-    yield from broken.cases("entropy/coded", CODING)
+    yield from broken.cases("entropy/coded", CODING + BY_BITS)
     yield from broken.cases("structure/parameters", PARAMETERS)
     yield from broken.cases("entropy/predicted", COMPONENTS)
     yield from broken.cases("entropy/coded-knots", KNOTS)

@@ -1,4 +1,4 @@
-"""Classes, starts, states and signs of the entropy coder (SPEC 9.4)."""
+"""Classes, starts, states, signs and models of the entropy coder (SPEC 9.4)."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from functools import partial
 
 from case import Case
 from facts import case_of
-from lpcr import EVEN, Coding, packet, track, walk
+from lpcr import EVEN, Coding, Grid, packet, track, walk
 from luck import Luck
-
-from sets import valid_knots_coded as knots
+from page import BY_BITS
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
 
 WIDE = (-(2**23), 2**23 - 1)
+WIDEST = (-(2**31), 2**31 - 1)
 SIGNS = (30, 128, 220)
 
 
@@ -72,38 +72,89 @@ def cases() -> Iterator[Case]:
         track(packet([0] * 20 + [1], coding=Coding(signs=(1, 2, 3))), id=1, channel=1),
         track(packet(runs, coding=Coding(repeats=EVEN, signs=(9, 9, 9))), id=2, channel=2),
     )  # fmt: skip
-    luck = Luck(97)
-    ticks = sorted({luck.between(1, 599) for _ in range(90)})
-    held = [(0, (0, 3))] + [(t, (luck.between(-90, 90), luck.between(0, 9))) for t in ticks]
-    by_class, by_length = (9, 20), (64, (0, [9, 5, 0, 3, 1, 1, 1, 255, 2]))
-    rows = [
-        (by_class, by_length, (), 1), (by_length, by_class, (), 4),
-        (by_length, by_length, SIGNS, 1),
-        (by_length, by_length, (), 4), (by_class, by_class, SIGNS, 4),
-    ]  # fmt: skip
-    yield valid(
-        "entropy-knots", "Gaps and differences, each by class or by length.", ["RNG-004"],
-        *(
-            knots.track(
-                knots.packet(held, 600, gaps=gaps, differences=differences, signs=signs,
-                             states=states),
-                id=place, channel=2 * place, width=2,
-            )
-            for place, (gaps, differences, signs, states) in enumerate(rows)
-        ),
-    )  # fmt: skip
     long = walk(11, 4500, 5)
     yield valid(
         "entropy-long", "4500 ticks in four states.", ["RNG-001"],
         track(packet(long, coding=Coding(1, number=9, states=4))),
     )  # fmt: skip
-    far = [(0, 0), (3, 2**24), (9, -(2**24))]
-    yield uncommon(
-        "entropy-lengths-of-34", "A table of 35 lengths, 0 to 34, the most that knots have.",
-        ["RNG-004"],
-        knots.track(
-            knots.packet(far, 20, gaps=(64, (0, [1] * 35)), differences=(64, (0, [1] * 35)),
-                         clamped=WIDE),
-            clamped=WIDE,
+    yield from by_bits(both, runs)
+
+
+def by_bits(both: list[int], runs: list[int]) -> Iterator[Case]:
+    quiet = Coding(number=BY_BITS)
+    yield valid(
+        "by-bits-contexts", "Errors that swell and fade, by bits: every context of the models.",
+        ["RNG-001", "RNG-003"],
+        track(packet(both, coding=quiet, clamped=WIDE), clamped=WIDE),
+    )  # fmt: skip
+    luck = Luck(41)
+    rows = [[luck.bell(size) for _ in range(150)] for size in (1, 2, 3, 5, 9, 17, 40)]
+    yield valid(
+        "by-bits-sizes", "Errors of one size in each component, one or a few at most in the first.",
+        ["RNG-001"],
+        track(packet(*rows, coding=quiet), width=len(rows)),
+    )  # fmt: skip
+    still = [*[0] * 3000, 1, *[0] * 9, -1, 2, *[-1] * 900, 1, 1, 0]
+    yield valid(
+        "by-bits-silence",
+        "Zeros and negative ones until models have learnt all they can, then others.",
+        ["RNG-001"],
+        track(packet(still, coding=quiet)),
+    )  # fmt: skip
+    turns = [0, 3, -3, 3, 0, 0, -7, -7, 7, 0, 1, -1]
+    yield valid(
+        "by-bits-signs", "Signs by the last one before: zeros between them do not count.",
+        ["RNG-001"],
+        track(packet(turns * 5, coding=quiet)),
+        track(packet([-4] * 90 + [0] * 5 + [-4, 4, -4], coding=quiet), id=1, channel=1),
+    )  # fmt: skip
+    held = [x for x in walk(42, 40, 2) for _ in range(1 + x % 5)]
+    yield valid(
+        "by-bits-repeats", "A section of repeats, and one of integers by bits, on one state.",
+        ["RNG-001", "RNG-004"],
+        track(packet(runs, coding=quiet._replace(repeats=(70, 90, 150, 200)))),
+        track(packet(held, coding=quiet._replace(g=2, repeats=EVEN)), id=1, channel=1),
+        track(packet([7] * 30, coding=quiet._replace(base=7, repeats=(255,) * 4)), id=2, channel=2),
+    )  # fmt: skip
+    first = walk(43, 90, 2)
+    second = [x // 2 + luck.between(-1, 1) for x in first]
+    yield valid(
+        "by-bits-predicted",
+        "Differences, coefficients and a reference by bits, beside a class with four states.",
+        ["RNG-001", "LPC-007"],
+        track(
+            packet(
+                first, second, second,
+                coding=[
+                    quiet._replace(ks=(90, -20)),
+                    quiet._replace(g=1, references=((0, 0, 32, 0),)),
+                    Coding(states=4),
+                ],
+            ),
+            width=3,
         ),
+    )  # fmt: skip
+    packets, start = [], 0
+    for index in (0, 1, -1, 2, -2, 3, 4, 5, -6, 8, 9, 16, -17, 2**22):
+        packets.append(packet([index], coding=quiet, start=start, clamped=WIDE))
+        start += 1
+    yield valid(
+        "by-bits-one-sample", "Packets of one tick: the first flag has an even chance.",
+        ["RNG-001"],
+        track(*packets, clamped=WIDE),
+    )  # fmt: skip
+    loud = [luck.between(-(2**22), 2**22) for _ in range(40)]
+    yield uncommon(
+        "by-bits-loud", "Errors of 22 bits, which a class codes shorter.", ["RNG-003"],
+        track(packet([*loud, *[0] * 30, *loud[:5]], coding=quiet, clamped=WIDE), clamped=WIDE),
+    )  # fmt: skip
+    ends = [2**32, 1 - 2**32, 2**32, 0, -(2**32), -(2**32), 5]
+    yield uncommon(
+        "by-bits-level-2", "Second differences just below 2^34: k is 35, and 32 bits are raw.",
+        ["RNG-003", "LIM-001"],
+        track(
+            packet(ends, coding=quiet._replace(g=2), grid=Grid(bound=2**32), clamped=WIDEST),
+            clamped=WIDEST,
+        ),
+        level=2,
     )  # fmt: skip

@@ -21,10 +21,10 @@ WIDEST = (-(2**31), 2**31 - 1)
 
 
 def packet(knots: Any, span: int, interpolation: int = HOLD, *, start: int = 0, grid: Grid = PLAIN,
-           clamped: Range = COMMON, **ways: Any) -> Packet:  # fmt: skip
+           clamped: Range = COMMON) -> Packet:  # fmt: skip
     """``knots``: (tick, index, or indices of the components)."""
     knots = [(tick, list(v) if isinstance(v, tuple) else [v]) for tick, v in knots]
-    body = page.encode_knots(knots, interpolation == LINEAR, **ways)
+    body = page.encode_knots(knots, interpolation == LINEAR)
     return coded(body, knots, span, interpolation, start=start, grid=grid, clamped=clamped)
 
 
@@ -59,22 +59,22 @@ def cases() -> Iterator[Case]:
 def examples() -> Iterator[Case]:
     held = [
         coded(
-            bytes.fromhex("0E 03 00 1E 0D 1E 00 0C 77 7C 52 38 02"),
+            bytes.fromhex("0E 03 02 92 60 BC 21 00 01"),
             [(0, [7]), (3, [9]), (12, [2]), (13, [3])],
             40,
         )
     ]
     lines = [
         coded(bytes.fromhex("09"), [(0, [-5])], 7, LINEAR),
-        coded(bytes.fromhex("02 01 00 00 04 20 00 06 BA B1 00"), [(0, [1]), (8, [5])], 9,
+        coded(bytes.fromhex("02 01 00 40 C0 00"), [(0, [1]), (8, [5])], 9,
               LINEAR, start=7),
         coded(
-            bytes.fromhex("00 03 05 21 0E 27 00 03 AD 68 D3 06 38"),
+            bytes.fromhex("00 03 39 35 03 08 21 00 CC"),
             [(0, [0]), (10, [20]), (12, [-3]), (30, [1])], 31, LINEAR, start=16,
         ),
     ]  # fmt: skip
     wide = [
-        coded(bytes.fromhex("02 04 01 04 20 06 34 01 E6 DC 23 05 C0"),
+        coded(bytes.fromhex("02 04 01 00 10 C2 5F 69 05 2D"),
               [(0, [1, 2]), (5, [1, -300])], 20, clamped=(-400, 400)),
     ]  # fmt: skip
     yield valid(
@@ -113,7 +113,7 @@ def magnitudes() -> Iterator[Case]:
         track(packet(held, ticks[-1] + 1, LINEAR), interpolation=LINEAR),
     )  # fmt: skip
     yield valid(
-        "coded-knots-three-components", "Each component has signs of its own; gaps are shared.",
+        "coded-knots-three-components", "Three components in one section, one after the other; gaps are shared.",
         ["KTE-004"],
         track(
             packet(
@@ -122,6 +122,12 @@ def magnitudes() -> Iterator[Case]:
             ),
             width=3,
         ),
+    )  # fmt: skip
+    rows = [(tick, tuple(i * luck.between(-1, 1) for i in range(20))) for tick in ticks]
+    yield valid(
+        "coded-knots-twenty-components",
+        "What a section has learnt of one component holds for the next one.", ["KTE-004"],
+        track(packet([(0, (0,) * 20), *rows], 400), width=20),
     )  # fmt: skip
     yield valid(
         "coded-knots-every-tick", "A knot on every tick, some with a difference of 0.", ["KTE-004"],

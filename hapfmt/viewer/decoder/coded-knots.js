@@ -1,28 +1,8 @@
 // Entropy coding of knots (9.6): gaps and differences.
 import { Reader } from './bytes.js';
-import { EntropyDecoder, readLengths, readProbabilities, readStart } from './entropy.js';
+import { EntropyDecoder } from './entropy.js';
 import { broken } from './error.js';
 import { putHold, putLine } from './lines.js';
-
-const LENGTHS = 35;
-
-// How a row of numbers is coded; `meaning`: the bits that its coding may have.
-function readRow(reader, meaning) {
-  reader.requirement = 'RNG-004';
-  const { offset } = reader;
-  const coding = reader.u8();
-  if (coding & ~meaning) broken('RNG-004', `the coding ${coding}`, offset);
-  if (!(coding & 64)) return { coding, start: readStart(reader), table: null };
-  if (coding & 15) broken('RNG-004', 'lengths and a class', offset);
-  return { coding, start: 0, table: readLengths(reader, LENGTHS) };
-}
-
-function decodeRow(coder, { coding, start, table }, count, signed) {
-  const out = new Float64Array(count);
-  if (table) coder.byLength(count, table, signed, out);
-  else coder.integers(count, coding & 15, start, signed, out);
-  return out;
-}
 
 export function decodeCodedKnots(track, bytes, span, out, offset, onKnot) {
   const { componentCount: C, countMin: low, countMax: high } = track;
@@ -47,13 +27,11 @@ export function decodeCodedKnots(track, bytes, span, out, offset, onKnot) {
     const { offset: at } = reader;
     const f = reader.varint();
     if (f < 1 || f >= span) broken('KTE-002', `${f} more knots in ${span} ticks`, at);
-    const first = readRow(reader, 0x5f);
-    const second = readRow(reader, 0x6f);
-    const p = second.coding & 32 ? readProbabilities(reader, 3) : null;
-    const coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, first.coding & 16 ? 4 : 1);
-    const gaps = decodeRow(coder, first, interpolation === 1 ? f - 1 : f, false);
-    const differences = decodeRow(coder, second, f * C, p === null);
-    if (p !== null) coder.signs(f * C, p, differences);
+    const coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, 1);
+    const gaps = new Float64Array(interpolation === 1 ? f - 1 : f);
+    const differences = new Float64Array(f * C);
+    coder.byBits(gaps.length, false, gaps);
+    coder.byBits(f * C, true, differences);
     coder.finish();
     for (let left = f - 1; left >= 0; left--) {
       const next = interpolation === 1 && left === 0 ? span - 1 : tick + 1 + gaps[f - 1 - left];

@@ -1,4 +1,4 @@
-// Entropy coding (9.4): states and words from the front, raw bits from the back; integers by class and by length.
+// Entropy coding (9.4): states and words from the front, raw bits from the back; integers by class, by bits and by length.
 import { broken } from './error.js';
 import { POWERS, bitLength } from './integers.js';
 
@@ -20,6 +20,19 @@ const ROWS = [
 
 const CLASS_ENDS = [];
 const CLASS_SHARES = [];
+
+// Models of integers by bits: rows of A, of B, then C and D. A model is 256 * p + n + 2, where n + 2 stops at 255.
+export const KINDS = 36; // k is below
+export const EVEN = (32768 << 8) | 2;
+const RARE = (8192 << 8) | 4; // that a number is small after large ones
+const A = 0;
+const B = A + 9 * KINDS;
+export const C = B + 12 * KINDS;
+export const D = C + KINDS;
+export const FRESH = new Int32Array(D + 3).fill(EVEN);
+for (let i = 3; i < 9; i++) FRESH.fill(RARE, A + KINDS * i, A + KINDS * i + i - 2);
+for (let j = 6; j < 12; j++) FRESH.fill(RARE, B + KINDS * j, B + KINDS * j + j - 5);
+const LOUD = 64; // a and b from here on have the last of the contexts by g
 
 const QUICK_BOUND = 2 ** 28; // of averages: h <= 17, and all but the escapes fit 32 bits
 
@@ -114,15 +127,33 @@ export function readStart(reader) {
   return start;
 }
 
-export function readLengths(reader, most) {
+export function readLengths(reader) {
   reader.requirement = 'RNG-004';
   const { offset } = reader;
   const first = reader.u8();
   const n = reader.u8();
-  if (n < 1 || first + n > most) broken('RNG-004', `${n} lengths from ${first} on`, offset);
+  if (n < 1 || first + n > 64) broken('RNG-004', `${n} lengths from ${first} on`, offset);
   const weights = [...reader.bytes(n)];
   if (weights.every((weight) => weight === 0)) broken('RNG-004', 'lengths without a weight', offset);
   return { first, ends: lengthEnds(weights) };
+}
+
+// Where the rows of A and B for the next integer begin.
+export function nearOf(a, b) {
+  const g = 2 * a + b;
+  return A + KINDS * (g < 3 ? g : g < LOUD ? 33 - Math.clz32(g) : 8);
+}
+
+export const loudOf = (s) => B + KINDS * (s < 1024 ? 32 - Math.clz32(s) : 11);
+
+// The model after a bit.
+export function learn(model, bit, limit) {
+  const n = model & 255;
+  const t = 31 - Math.clz32(n);
+  const p = model >>> 8;
+  const s = t < limit ? t : limit;
+  const q = bit === 1 ? p + ((65535 - p) >> s) : p - (p >> s);
+  return (q << 8) | (n < 255 ? n + 1 : n);
 }
 
 export class EntropyDecoder {
@@ -168,12 +199,16 @@ export class EntropyDecoder {
     return i - at;
   }
 
-  // The caller checks after each bit.
+  // The caller checks after each bit, and after a few flags.
   bit(p) {
+    return this.flag(4096 - 16 * p);
+  }
+
+  // A symbol with the ends `zeros` and 4096.
+  flag(zeros) {
     const { states, lane } = this;
     const x = states[lane];
     const slot = x & 4095;
-    const zeros = 4096 - 16 * p;
     const bit = (zeros - 1 - slot) >>> 31;
     const width = zeros + ((4096 - 2 * zeros) & -bit);
     const y = Math.imul(width, x >>> 12) + slot - (zeros & -bit);
@@ -353,6 +388,52 @@ export class EntropyDecoder {
     return high * POWERS[h] + this.raw(h);
   }
 
+  // A section of integers by bits, with signs or without.
+  byBits(count, signed, out) {
+    this.section();
+    const models = FRESH.slice();
+    let a = 0; // the magnitudes before, as far as contexts tell them apart
+    let b = 0;
+    let s = 0;
+    let d = 0;
+    for (let i = 0; i < count; i++) {
+      let near = nearOf(a, b);
+      let loud = loudOf(s);
+      let k = 0;
+      while (this.flag(4096 - (((models[near] >>> 8) + (models[loud] >>> 8)) >> 5)) === 0) {
+        models[near] = learn(models[near], 0, 5);
+        models[loud] = learn(models[loud], 0, 7);
+        near++;
+        loud++;
+        if (++k === KINDS) {
+          this.check();
+          this.tooLarge();
+        }
+      }
+      models[near] = learn(models[near], 1, 5);
+      models[loud] = learn(models[loud], 1, 7);
+      let u = k;
+      if (k > 2) {
+        u = (2 + this.learnt(models, C + k)) * POWERS[k - 3] + 1 + this.raw(k - 3);
+        if (u >= MAGNITUDE_BOUND) this.tooLarge();
+      }
+      if (signed && u > 0) d = 1 + this.learnt(models, D + d);
+      this.check();
+      out[i] = d === 2 && u > 0 ? -u : u;
+      b = a;
+      a = u < LOUD ? u : LOUD;
+      s += Math.floor((64 * u - s) / 8);
+    }
+  }
+
+  // A flag of one model.
+  learnt(models, place) {
+    const model = models[place];
+    const bit = this.flag(4096 - (model >>> 12));
+    models[place] = learn(model, bit, 7);
+    return bit;
+  }
+
   tooShort() {
     broken('RNG-001', 'the coded bytes end too early', this.offset + this.size);
   }
@@ -361,7 +442,7 @@ export class EntropyDecoder {
     broken('RNG-003', 'a coded integer of 2^34 or more', this.offset);
   }
 
-  // A section of integers by length, below 2^34.
+  // A section of integers by length, of at most 48 bits.
   byLength(count, table, signed, out) {
     this.section();
     for (let i = 0; i < count; i++) {

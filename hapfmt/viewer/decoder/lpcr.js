@@ -6,6 +6,7 @@ import { readGrid } from './grid.js';
 import { isQuick, predictExact, predictorOf, predictQuick, sumFour, tapsOf } from './predictor.js';
 
 const ORDER_BOUND = 32;
+const BY_BITS = 64;
 
 // Arrays that packets use one after the other: e, y and the indices. Large ones are not kept.
 const SCRATCH_SIZE = 2 ** 16;
@@ -64,14 +65,15 @@ function readComponentHeader(reader, component) {
 function decodeErrors(header, bytes, span, offset, e, repeated) {
   const reader = new Reader(bytes, { base: offset, requirement: 'RNG-004' });
   const coding = reader.u8();
-  if (coding > 63) broken('RNG-004', `the coding ${coding}`, offset);
-  const start = readStart(reader);
+  if (coding > BY_BITS) broken('RNG-004', `the coding ${coding}`, offset);
+  const start = coding === BY_BITS ? 0 : readStart(reader);
   const repeats = header.repeats ? readProbabilities(reader, 4) : null;
   const signs = coding & 32 ? readProbabilities(reader, 3) : null;
   const coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, coding & 16 ? 4 : 1);
   const fresh = repeats ? coder.repeats(span, repeats, repeated) : span;
   const errors = e.subarray(span - fresh);
-  coder.integers(fresh, coding & 15, start, signs === null, errors);
+  if (coding === BY_BITS) coder.byBits(fresh, true, errors);
+  else coder.integers(fresh, coding & 15, start, signs === null, errors);
   if (signs) coder.signs(fresh, signs, errors);
   coder.finish();
   if (repeats) for (let t = 0, i = 0; t < span; t++) if (repeated[t] === 0) e[t] = errors[i++];

@@ -208,7 +208,7 @@ function readCorrections(part, offset, placed, counts) {
   const z = reader.u8();
   if (z > 63) broken('EXA-004', `steps of 2^${z}`, offset);
   const p = flags & 1 ? [0, 1, 2].map(() => readRanks(reader)) : null;
-  const table = readLengths(reader, 64);
+  const table = readLengths(reader);
   const coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, flags & 2 ? 4 : 1);
   const span = counts.length;
   const lower = new Int32Array(span);
