@@ -643,8 +643,8 @@ def described() -> Example:
     f.cluster(rows, (0, 4 * MS))
     f.close()
     note = """Every TLV of `HEAD` and of `TRAK`, and a description as a DEFLATE stream. Channel 0
-is 0.1 N, channel 1 is (600 - 500) / 1000 = 0.1 N, channel 2 is 7. The byte 255 repeats the text before it;
-a list of one entry applies to all components."""
+is 0.1 N, channel 1 is (600 - 500) / 1000 = 0.1 N, channel 2 is 7. The byte 255 repeats the text
+before it; a list of one entry applies to all components."""
     return Example(
         f, note, {"0": [span(0, *[100] * 4)], "1": [span(0, *[600] * 4)], "2": [span(0, *[7] * 4)]}
     )
