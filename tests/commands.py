@@ -42,7 +42,6 @@ def run_program(path: Path, *arguments: object, cwd: Path) -> Done:
     return run(PROGRAM, path, *arguments, cwd=cwd)
 
 
-
 def run(*arguments: object, cwd: Path, stdin: bytes = b"", columns: int = 200) -> Done:
     words = [str(word) for word in arguments]
     if not FORKS:
@@ -181,7 +180,7 @@ def one(cwd: str, columns: str, words: list[str], files: list[int]) -> None:
     try:
         if words[:1] == [PROGRAM]:
             sys.argv[:] = words[1:]
-            sys.path[0] = os.path.dirname(words[1])
+            sys.path[0] = str(Path(words[1]).parent)
             runpy.run_path(words[1], run_name="__main__")
         else:
             sys.argv[:] = ["hapfmt", *words]

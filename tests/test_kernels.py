@@ -14,6 +14,7 @@ import numpy as np
 import page
 import pytest
 import strategies
+from depth import either
 from hypothesis import given
 from hypothesis import strategies as st
 from spec import ROOT
@@ -286,7 +287,7 @@ def test_sections_that_do_not_fit_are_refused(sections, columns, size):
 
 
 PURE = """
-import io, numpy, hapfmt
+import io, sys, numpy, hapfmt
 from hapfmt.kernels import compiled
 x = numpy.random.default_rng(1).integers(-40, 40, 300).cumsum().astype(numpy.int32)
 scale = hapfmt.Calibration(1, 0, 1000)
@@ -317,19 +318,20 @@ ways = [
     {"preset": "paper"},
 ]
 for name, fields in signals.items():
-    for options in ways if name == "stroke" else ways[:5]:
+    for options in ways if name == "stroke" else ways[:int(sys.argv[1])]:
         stream = io.BytesIO()
         hapfmt.write(fields, stream, rate=1000, units="N", canonical=1, **options)
         print(f"{name}{options}".replace(" ", ""), stream.getvalue().hex())
 """
 
 
-def test_without_the_extension():
+@either("count", 1, deep=5)
+def test_without_the_extension(count):
     """The same bytes, by the readable loops: of every preset, and of the options that search."""
 
     def told(pure):
         environment = {k: v for k, v in os.environ.items() if k != "HAPFMT_PURE"} | pure
-        done = subprocess.run([sys.executable, "-c", PURE], cwd=ROOT, env=environment,
+        done = subprocess.run([sys.executable, "-c", PURE, str(count)], cwd=ROOT, env=environment,
                               capture_output=True, text=True, check=True)  # fmt: skip
         return done.stdout.split()
 
