@@ -8,7 +8,9 @@ when, signals, pipes that close) is tested with fresh interpreters, in other mod
 from __future__ import annotations
 
 import atexit
+import gc
 import os
+import runpy
 import signal
 import socket
 import subprocess
@@ -31,13 +33,21 @@ Done = subprocess.CompletedProcess[bytes]
 
 
 FORKS = hasattr(os, "fork") and hasattr(socket, "send_fds")
+PROGRAM = "python"
+"""The first word where the second is a program of the clone, and the others are for it."""
+
+
+def run_program(path: Path, *arguments: object, cwd: Path) -> Done:
+    """Any program in Python, in a fork that has imported hapfmt already."""
+    return run(PROGRAM, path, *arguments, cwd=cwd)
 
 
 def run(*arguments: object, cwd: Path, stdin: bytes = b"", columns: int = 200) -> Done:
     words = [str(word) for word in arguments]
     if not FORKS:
+        what = words[1:] if words[0] == PROGRAM else ["-m", "hapfmt", *words]
         return subprocess.run(
-            [*PYTHON, "-m", "hapfmt", *words], cwd=cwd, input=stdin, capture_output=True,
+            [*PYTHON, *what], cwd=cwd, input=stdin, capture_output=True,
             check=False, env={**ENVIRONMENT, "COLUMNS": str(columns)},
         )  # fmt: skip
     with (
@@ -156,7 +166,7 @@ def serve(connection: socket.socket) -> None:
 
 
 def one(cwd: str, columns: str, words: list[str], files: list[int]) -> None:
-    """What ``python -m hapfmt`` does, in this process, which then ends."""
+    """What ``python -m hapfmt`` does, or another program, in this process, which then ends."""
     from hapfmt.cli import main
 
     os.environ["COLUMNS"] = columns
@@ -166,10 +176,15 @@ def one(cwd: str, columns: str, words: list[str], files: list[int]) -> None:
     for place, each in enumerate(files):
         os.dup2(each, place)
     os.chdir(cwd)
-    sys.argv[:] = ["hapfmt", *words]
     code: object = 0
     try:
-        main()
+        if words[:1] == [PROGRAM]:
+            sys.argv[:] = words[1:]
+            sys.path[0] = str(Path(words[1]).parent)
+            runpy.run_path(words[1], run_name="__main__")
+        else:
+            sys.argv[:] = ["hapfmt", *words]
+            main()
     except SystemExit as ended:
         code = ended.code
     except BaseException:
@@ -198,5 +213,7 @@ if __name__ == "__main__":
             ("hapfmt.__main__", "hapfmt.lab.plotting", "hapfmt.lab.study.outputs")
         ):
             importlib.import_module(module.name)
+    gc.collect()
+    gc.freeze()  # a fork that looks at everything copies it
     with socket.socket(fileno=int(sys.argv[1])) as ours:
         serve(ours)

@@ -9,12 +9,31 @@ from __future__ import annotations
 import os
 import random
 from collections.abc import Iterable
+from fnmatch import fnmatch
 from typing import Any
 
 import pytest
 
 PROFILE = os.environ.get("HYPOTHESIS_PROFILE", "dev")
 DEEP = PROFILE in ("ci", "nightly")
+
+PURE = (
+    # Codecs, and the loops that the encoder shares with them.
+    "clamps", "codecs_*", "components", "deadband", "entropy", "exact", "extreme_doubles", "huffman",
+    "integers", "kernels*", "lattice", "lengths", "linear", "split", "tube",
+    # The conformance suite, and other bytes that a decoder gets.
+    "examples", "exhaustive", "fuzz", "hostile", "vectors*",
+    # Each way of encoding once; the verbs of README.md.
+    "bounded", "encoder", "pages", "packaging", "threads",
+)  # fmt: skip
+"""Modules of tests that also run without the extension, in any profile: their results come from
+loops that it replaces. The others run there in the deep profiles alone."""
+
+
+def runs_pure(name: str) -> bool:
+    """Of a file or folder in tests/."""
+    word = name.removeprefix("test_").removesuffix(".py")
+    return word == name.removesuffix(".py") or any(fnmatch(word, pattern) for pattern in PURE)
 
 
 def examples(count: int) -> int:

@@ -101,9 +101,9 @@ RNG = np.random.default_rng(2)
 FLOATING = {
     "walks": RNG.normal(size=(3, 20000)).cumsum(axis=1),
     "short": RNG.normal(size=(2, 700)).cumsum(axis=1),
-    "a burst": np.where(abs(np.arange(200_000) - 9000) < 3000, 30, 1) * RNG.normal(size=200_000),
+    "a burst": np.where(abs(np.arange(60_000) - 9000) < 3000, 30, 1) * RNG.normal(size=60_000),
     "many": RNG.normal(size=(20, 9000)).cumsum(axis=1),
-    "a glitch": np.append(RNG.normal(size=200_000), 1e6),
+    "a glitch": np.append(RNG.normal(size=60_000), 1e6),
 }
 
 

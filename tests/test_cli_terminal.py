@@ -20,7 +20,7 @@ import click
 import numpy as np
 import pytest
 from commands import pseudo_terminal, run, run_in_terminal, run_to_terminal
-from depth import sample
+from depth import deep, sample
 from terminal import called
 
 import hapfmt
@@ -437,7 +437,7 @@ class TestVerdicts:
         ("verify damaged.hapf", "", "damaged", True),
     )
 
-    @pytest.mark.parametrize("columns", [60, 80])
+    @pytest.mark.parametrize("columns", [60, *deep([80])])
     @pytest.mark.parametrize(("command", "header", "word", "bad"), ROWS, ids=[r[0] for r in ROWS])
     def test_they_stay(
         self, files: Path, command: str, header: str, word: str, bad: bool, columns: int

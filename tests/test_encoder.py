@@ -351,6 +351,7 @@ def test_what_does_not_fit_the_format_is_refused(channel):
         encoded(Recording((channel,)))
 
 
+@pytest.mark.compiled
 def test_all_tracks_share_one_chunk():
     """Whatever they have of their own; HF tracks follow in the order of their bases."""
     rng = np.random.default_rng(3)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fnmatch
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,6 +16,7 @@ import numpy as np
 import page
 import pytest
 import strategies
+from depth import PURE, either, runs_pure
 from hypothesis import given
 from hypothesis import strategies as st
 from spec import ROOT
@@ -286,8 +289,8 @@ def test_sections_that_do_not_fit_are_refused(sections, columns, size):
         )
 
 
-PURE = """
-import io, numpy, hapfmt
+READ_AND_WRITE = """
+import io, sys, numpy, hapfmt
 from hapfmt.kernels import compiled
 x = numpy.random.default_rng(1).integers(-40, 40, 300).cumsum().astype(numpy.int32)
 scale = hapfmt.Calibration(1, 0, 1000)
@@ -318,25 +321,42 @@ ways = [
     {"preset": "paper"},
 ]
 for name, fields in signals.items():
-    for options in ways if name == "stroke" else ways[:5]:
+    for options in ways if name == "stroke" else ways[:int(sys.argv[1])]:
         stream = io.BytesIO()
         hapfmt.write(fields, stream, rate=1000, units="N", canonical=1, **options)
         print(f"{name}{options}".replace(" ", ""), stream.getvalue().hex())
 """
 
 
-def test_without_the_extension():
+@either("count", 1, deep=5)
+def test_without_the_extension(count):
     """The same bytes, by the readable loops: of every preset, and of the options that search."""
 
     def told(pure):
         environment = {k: v for k, v in os.environ.items() if k != "HAPFMT_PURE"} | pure
-        done = subprocess.run([sys.executable, "-c", PURE], cwd=ROOT, env=environment,
+        done = subprocess.run([sys.executable, "-c", READ_AND_WRITE, str(count)], cwd=ROOT, env=environment,
                               capture_output=True, text=True, check=True)  # fmt: skip
         return done.stdout.split()
 
     pure, other = told({"HAPFMT_PURE": "1"}), told({})
     assert pure[:2] == ["True", "True"]
     assert pure[1:] == other[1:]
+
+
+def test_the_twins_are_tested_without_the_extension():
+    """Some module that runs there imports each module with twins."""
+    modules = {path.stem: path.read_text("utf-8") for path in (ROOT / "tests").glob("test_*.py")}
+    assert [each for each in PURE if not fnmatch.filter(modules, f"test_{each}")] == []
+    text = "".join(text for name, text in modules.items() if runs_pure(f"{name}.py"))
+    twins = [
+        path.relative_to(ROOT / "hapfmt").with_suffix("").parts
+        for path in (ROOT / "hapfmt").rglob("*.py")
+        if re.search(r"^from \.+kernels import .*\bcompiled\b", path.read_text("utf-8"), re.M)
+    ]
+    assert len(twins) > 10
+    for *folders, name in twins:
+        package = ".".join(["hapfmt", *folders])
+        assert re.search(rf"from {package}(\.{name} import|.* import .*\b{name}\b)", text), name
 
 
 @built

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from depth import examples
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -407,7 +408,7 @@ class TestNeverLarger:
 
     @given(st.integers(0, 2**32))
     @example(14)
-    @settings(max_examples=15, deadline=None)
+    @settings(max_examples=examples(15), deadline=None)
     def test_arrays(self, seed: int) -> None:
         with_references, without = self.sizes(tactile_array(seed), "perceptual")
         assert with_references <= without

@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from depth import deep
 from spec import ROOT
 from terminal import called
 
@@ -175,19 +176,24 @@ def numbers(texts: list[str]) -> list[list[float]]:
 
 @pytest.mark.compiled
 class TestFiguresAreThoseOfToday:
+    @pytest.mark.deep
     def test_sizes_of_a_scene(self):
         row = next(row for row in shown("sizes") if row[0] == "taps")
         recording = dict(sizes.scenes(sizes.SECONDS))["taps"]
         found = [8 * recording.sample_count / sizes.ours(recording, x) for x in sizes.OURS[:2]]
         assert numbers([f"{each:.2f}" for each in found]) == about(row[-3:-1])
 
-    def test_what_comes_back_of_a_small_file(self):
+    @pytest.mark.parametrize(
+        "of", [("2 kB", "lossless", 1), *deep([("200 kB", "lossless", 2), ("200 kB", "paper", 5)])]
+    )
+    def test_what_comes_back_of_a_small_file(self, of):
+        size, preset, column = of
         row = shown("faults")[0]
         assert row[0] == "one byte changed"
-        jobs = [("2 kB", "lossless"), ("200 kB", "lossless"), ("200 kB", "paper")]
-        found = [faults.run_size((*job, row[0], 20)) for job in jobs]
-        assert numbers(found) == about([row[1], row[2], row[5]])
+        found = faults.run_size((size, preset, row[0], 20))
+        assert numbers([found]) == about([row[column]])
 
+    @pytest.mark.deep
     @pytest.mark.skipif(not measured.DATA.exists(), reason="there are no recordings")
     def test_what_one_changed_byte_takes(self):
         found = faults.cluster_rows(20)

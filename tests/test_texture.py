@@ -222,7 +222,7 @@ class TestLadder:
         assert medium <= (1 + CLOSE) * high + 8
 
     @pytest.mark.skipif(not DATA.is_dir(), reason="no ../shared/data")
-    @either("parts", (5, 3000), deep=(1, 12000))
+    @either("parts", (12, 3000), deep=(1, 12000))
     def test_recorded(self, parts: tuple[int, int]) -> None:
         every, size = parts
         for path in sorted(DATA.rglob("*.npz"))[::every]:
