@@ -380,7 +380,7 @@ EXAMPLE = re.compile(r"^\| `([0-9A-F]{2}(?: [0-9A-F]{2})*)` \| ([-0-9, ]+?)(?: \
 
 def test_examples_of_the_page():
     examples = EXAMPLE.findall(EXAMPLES)
-    assert len(examples) == 5
+    assert len(examples) == 7
     for text, numbers in examples:
         indices = [int(number) for number in numbers.split(", ")]
         data = bytes.fromhex(text)

@@ -9,10 +9,14 @@ SYMBOLS = "codecs.quantised:Alphabet.expand"
 CODER = "codecs.entropy:Decoder"
 ENDS = "codecs.entropy:ends_of"
 AVERAGES = "codecs.entropy:Averages"
+MODEL = "codecs.entropy:FlagModel"
+MODELS = "codecs.entropy:Models"
+LEARN = "codecs.entropy:learn_flag"
 STEP_UP = "codecs.predicted:step_up"
 PREDICT = "codecs.predicted:predict"
 PREDICTED = "(sum(a * b for a, b in zip(c, history, strict=True)) + (1 << (SHIFT - 1))) >> SHIFT"
 TRUNCATED = "int((sum(a * b for a, b in zip(c, history, strict=True)) + 4096) / 8192)"
+CODING = "codecs.predicted:parse_coding"
 CROSS = "codecs.predicted:cross_terms"
 TAPS = "codecs.predicted:taps_of"
 GRID = "codecs.grids:deadband_levels"
@@ -171,6 +175,122 @@ MUTANTS = (
             "i + 1 + (SCALE - n) * sums // total",
             "max(i + 1, SCALE * sums // total)",
         ),
+    ),
+    mutant(
+        "models-fast-slower",
+        "The fast models learn by a 64th at most, not by a 32nd.",
+        "RNG-001",
+        Rebind("codecs.entropy:FAST", "6", (LEARN,)),
+    ),
+    mutant(
+        "models-slow-slower",
+        "The slow models learn by a 256th at most, not by a 128th.",
+        "RNG-001",
+        Rebind("codecs.entropy:SLOW", "8", (LEARN,)),
+    ),
+    mutant(
+        "models-limits-swapped",
+        "The models of both magnitudes before learn slowly, those of the average fast.",
+        "RNG-001",
+        Edit(LEARN, "(SLOW, FAST)", "(FAST, SLOW)"),
+    ),
+    mutant(
+        "models-learn-all-at-first",
+        "What a model learns first is all it knows.",
+        "RNG-001",
+        Edit(f"{MODEL}.learn", "self.n + 2", "self.n + 1"),
+    ),
+    mutant(
+        "models-reach-65536",
+        "A model that learns a 1 moves towards 65536, not 65535.",
+        "RNG-001",
+        Edit(f"{MODEL}.learn", "65535 - self.p", "65536 - self.p"),
+    ),
+    mutant(
+        "models-begin-even",
+        "All models begin with an even chance, those of small integers after large ones too.",
+        "RNG-001",
+        Edit(f"{MODEL}.of", "cls(8192, 2) if rare else cls()", "cls()"),
+    ),
+    mutant(
+        "models-begin-eager",
+        "Models that begin with 8192 have learnt nothing yet: n is 0.",
+        "RNG-001",
+        Edit(f"{MODEL}.of", "cls(8192, 2)", "cls(8192, 0)"),
+    ),
+    mutant(
+        "models-rounded-each",
+        "Of two models each probability is rounded before their mean is taken.",
+        "RNG-001",
+        Edit(
+            "codecs.entropy:flag_width",
+            "sum(model.p for model in models) // (16 * len(models))",
+            "sum(model.p // 16 for model in models) // len(models)",
+        ),
+    ),
+    mutant(
+        "models-context-before-last",
+        "The context weighs the magnitude before the last one more than the last.",
+        "RNG-001",
+        Edit(f"{MODELS}.size", "2 * self.a + self.b", "self.a + 2 * self.b"),
+    ),
+    mutant(
+        "models-context-8-missing",
+        "Contexts by the two magnitudes before end with 7.",
+        "RNG-001",
+        Edit(f"{MODELS}.size", "NEAR - 1", "NEAR - 2"),
+    ),
+    mutant(
+        "models-context-11-missing",
+        "Contexts by the average end with 10.",
+        "RNG-001",
+        Edit(f"{MODELS}.size", "LOUD - 1", "LOUD - 2"),
+    ),
+    mutant(
+        "models-average-truncates",
+        "What the average moves by is rounded towards zero.",
+        "RNG-001 CNV-001",
+        Edit(f"{MODELS}.learn", "(64 * u - self.s) // 8", "int((64 * u - self.s) / 8)"),
+    ),
+    mutant(
+        "models-one-half",
+        "The highest bit below the first one has one model for all k.",
+        "RNG-001",
+        Edit(f"{MODELS}.half", "self.halves[kind]", "self.halves[0]"),
+    ),
+    mutant(
+        "models-signs-forget",
+        "After a zero the sign has the context of no sign before it.",
+        "RNG-001",
+        Edit(
+            f"{MODELS}.learn",
+            "if number:\n        self.d = 1 + (number < 0)",
+            "self.d = 1 + (number < 0) if number else 0",
+        ),
+    ),
+    mutant(
+        "by-bits-unbounded",
+        "A magnitude by bits may be 2^34.",
+        "RNG-003",
+        Edit(f"{CODER}.by_bits", "if u >> ERROR_BITS", "if False"),
+    ),
+    mutant(
+        "by-bits-with-start",
+        "A start byte follows the coding of sections by bits too.",
+        "RNG-004",
+        Edit(CODING, "first = 1 if coding == BY_BITS else 2", "first = 2"),
+    ),
+    mutant(
+        "by-bits-and-more",
+        "Beside bit 6 of the coding others may be 1.",
+        "RNG-004",
+        Edit(CODING, "data[0] if data", "(data[0] & BY_BITS or data[0]) if data"),
+    ),
+    mutant(
+        "gaps-with-signs",
+        "The gaps of coded knots have signs.",
+        "KTE-004",
+        Edit("codecs.knots:decode_numbers", "signs=False", "signs=True"),
     ),
     mutant(
         "prediction-truncates",

@@ -60,6 +60,19 @@ MUTANTS = (
         Edit("entropy.js", "const m = 32 * sum;", "const m = (32 * sum) | 0;"),
     ),
     javascript(
+        "magnitudes-of-32-bits",
+        "A magnitude by bits is put together by a shift, which keeps 32 bits.",
+        "RNG-003",
+        Edit("entropy.js", "* POWERS[k - 3] + 1", "<< (k - 3)) + 1"),
+        Edit("entropy.js", "u = (2 + this.learnt", "u = ((2 + this.learnt"),
+    ),
+    javascript(
+        "average-of-32-bits",
+        "The average of sections by bits moves by a shift, which keeps 32 bits.",
+        "RNG-003",
+        Edit("entropy.js", "s += Math.floor((64 * u - s) / 8);", "s += (64 * u - s) >> 3;"),
+    ),
+    javascript(
         "raw-unsigned",
         "Counts of RAWB are shifted back without their sign.",
         "RAW-001 RAW-005",
