@@ -153,7 +153,7 @@ def shapes() -> Iterator[Case]:
     fine = wander("fine", 3000, 5, -500, 500)
     yield job(
         "between-milliseconds", "1024 ticks a second: clusters begin and end between milliseconds.",
-        [channel(fine, rate=(1024, 1), spans=[[1, 3001]])], cluster_s=[1, 3],
+        [channel(fine, rate=(1024, 1), spans=[[1, 3001]])], cluster_s=[1, 9],
         requirements=["IDX-006", "FOT-002"],
     )  # fmt: skip
     many = [
