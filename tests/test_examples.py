@@ -17,7 +17,7 @@ from hapfmt.reading.reader import Reader
 EXAMPLES = ROOT / "conformance" / "examples"
 LISTING = re.compile(r"^## (\w+)\n.*?```\n(.*?)\n```", re.S | re.M)
 PAGE = dict(LISTING.findall((ROOT / "conformance" / "EXAMPLES.md").read_text("utf-8")))
-DAMAGED = {"salvaged": 0xE1, "table": 0xD3}
+DAMAGED = {"salvaged": 0x9E, "table": 0x90}
 """Examples that were damaged, and the offset of the byte that was changed."""
 
 
