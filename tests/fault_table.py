@@ -413,7 +413,7 @@ FAULTS = [
     Fault("DAT-008", 107, "unknown track", cluster(f.cluster((9, 0, 1, b"")))),
     Fault("DAT-008", 8 + f.HEADER + len(f.head()) + f.HEADER + 7, "track not described", judged(f.file(HEAD, DATA))),
     Fault("DAT-009", 109, "2^22 + 1 samples", cluster(f.cluster((1, 0, 2**22 // 200 + 1, b"")))),
-    # 6.5, 6.6
+    # 11.1, 11.2
     Fault("IDX-002", 100, "index cut short", lambda: parse_index(b"", 500, AT)),
     Fault("IDX-002", 100, "entries missing", at_index(count=1)),
     Fault("IDX-002", 127, "an entry missing", at_index(("DATA", 8, 2**20, 2**21), count=2)),
@@ -445,7 +445,7 @@ FAULTS = [
     Fault("FOT-002", END + 109, "another index", judged(f.minimal(index_offset=8))),
     Fault("FOT-002", END + 125, "clusters", judged(f.minimal(data_count=2))),
     Fault("FOT-002", END + 125, "tracks", judged(f.minimal(track_count=2))),
-    # 6.7 to 6.9
+    # 11.3 to 11.5
     Fault("MET-001", 100, "no JSON", lambda: parse_metadata(b"", AT)),
     Fault("MET-001", 100, "no object", lambda: parse_metadata(b"[]", AT)),
     Fault("MET-001", 100, "65 deep",
@@ -698,7 +698,7 @@ FAULTS = [
           further(page.encode_knots([(0, [0]), (1, [2**24 + 1])], False))),
     Fault("RNG-001", 110, "a byte after the knots",
           further(page.encode_knots([(0, [0]), (1, [1])], False) + b"\0")),
-    # 6.10
+    # 11.6
     Fault("CLK-001", 100, "no name", clock(b"")),
     Fault("CLK-001", 100, "an empty name", clock(f.clock([(0, 0, 0)], ""))),
     Fault("CLK-001", 100, "a name past its chunk", clock(b"\2a")),

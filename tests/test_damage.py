@@ -67,7 +67,7 @@ def check(data: bytes, clean: dict) -> None:
 def test_every_flip(turn):
     """
     REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
-    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (14.2) names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` names.
     CHK-002: A header MUST have the sync word `F9 48 8B 1C`, a type of four ASCII letters, and the right `header_crc`. A reader uses no field of any other header.
     """
     for at in range(len(TWO)):
@@ -78,7 +78,7 @@ def test_every_flip(turn):
 
 def test_every_deletion():
     """
-    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (14.2) names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` names.
     FIL-002: The first chunk MUST start at offset 8, and each other chunk directly after the payload of the one before it.
     """
     for at in range(len(TWO)):

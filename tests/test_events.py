@@ -289,7 +289,7 @@ class TestDamage:
 
     def test_a_damaged_packet_is_lost_alone(self):
         """
-        REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (14.2) names.
+        REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` names.
         """
         for text, other in ((b"first", "second"), (b"second", "first")):
             data = bytearray(self.TWO)

@@ -67,6 +67,12 @@ def test_files_decode_to_what_their_json_says(name):
     assert expected == found | {key: rows for key, rows in rest.items() if rows}
 
 
+def test_the_file_of_clause_9_is_an_example():
+    rows = re.search(r"<!-- example: hold -->\n```\n(.*?)\n```", TEXT, re.S)[1].splitlines()
+    data = b"".join(bytes.fromhex(row.partition("  ")[0]) for row in rows)
+    assert data == (EXAMPLES / "hold.hapf").read_bytes()
+
+
 def test_every_example_is_listed_and_named_in_the_spec():
     assert {path.stem for path in EXAMPLES.glob("*.hapf")} == set(PAGE)
     annex = TEXT[TEXT.index("## Annex B") : TEXT.index("## Annex C")]

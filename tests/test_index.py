@@ -1,4 +1,4 @@
-"""Clauses 6.5 and 6.6: the index and the footer are hints; without them the file is walked."""
+"""Clauses 11.1 and 11.2: the index and the footer are hints; without them the file is walked."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ class TestValues:
 
 class TestLevels:
     """
-    OVW-001: An overview MUST be an attachment (SPEC 6.8) with the name `overview` and the media type `application/vnd.hapf.overview`. Its content consists of parts, a table and an end, and keeps the rules of this page.
+    OVW-001: An overview MUST be an attachment (SPEC 11.4) with the name `overview` and the media type `application/vnd.hapf.overview`. Its content consists of parts, a table and an end, and keeps the rules of this page.
     OVW-004: The table MUST have one row for each part that follows from the channels. The sizes of the parts are at least 1 and add up to the bytes before the table.
     """
 

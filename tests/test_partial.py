@@ -160,7 +160,7 @@ def hidden(cluster: int, row: int) -> bytes:
 )
 def test_a_row_that_hides_is_reported(cluster, row, channel):
     """
-    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (14.2) names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` names.
     """
     bad = hidden(cluster, row)
     with Reader(bad) as reader:

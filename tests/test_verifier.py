@@ -118,7 +118,7 @@ FIVES = slow_digest([[5]] * 4, 4, True, [(0, 4)])
 class TestDigests:
     """
     DGS-001: The payload MUST be a positive multiple of 32 bytes. The tracks are described before it; none is of kind events, since events may be added to a closed file.
-    DGS-002: A verifier MUST report a digest that differs from the one it computes. Of several for one track the last one counts. None is compared where the track may lack data (14.2), or where a rule is broken in a file without damage.
+    DGS-002: A verifier MUST report a digest that differs from the one it computes. Of several for one track the last one counts. None is compared where the track may lack data, or where a rule is broken in a file without damage.
     """
 
     def test_true(self):

@@ -620,7 +620,7 @@ types:
         doc: The text.
   indx:
     doc: A list of chunks, with the times of clusters.
-    doc-ref: SPEC.md 6.5
+    doc-ref: SPEC.md 11.1
     seq:
       - id: previous
         type: u8
@@ -656,7 +656,7 @@ types:
         doc: End of the latest packet, rounded up, minus start_ms.
   foot:
     doc: Where the index is; the file was closed.
-    doc-ref: SPEC.md 6.6
+    doc-ref: SPEC.md 11.2
     seq:
       - id: index_offset
         type: u8
@@ -674,7 +674,7 @@ types:
         type: s8
         doc: End of the latest packet, rounded up.
   meta:
-    doc-ref: SPEC.md 6.7
+    doc-ref: SPEC.md 11.3
     seq:
       - id: json
         type: str
@@ -682,7 +682,7 @@ types:
         doc: One JSON object.
   attc:
     doc: An attachment.
-    doc-ref: SPEC.md 6.8
+    doc-ref: SPEC.md 11.4
     seq:
       - id: name_size
         type: u1
@@ -703,7 +703,7 @@ types:
         doc: The attached file.
   dgst:
     doc: Digests of the track of the header's track id and of those that follow it.
-    doc-ref: SPEC.md 6.9
+    doc-ref: SPEC.md 11.5
     seq:
       - id: digests
         size: 32
@@ -711,7 +711,7 @@ types:
         doc: SHA-256 of the canonical decode of one track.
   clok:
     doc: Observations of another clock.
-    doc-ref: SPEC.md 6.10
+    doc-ref: SPEC.md 11.6
     seq:
       - id: name_size
         type: u1
@@ -750,7 +750,7 @@ types:
         doc: At most so much too early or too late; 0 means not known.
   cmap:
     doc: A map from ticks to the time of another clock.
-    doc-ref: SPEC.md 6.10
+    doc-ref: SPEC.md 11.6
     seq:
       - id: name_size
         type: u1

@@ -1,8 +1,8 @@
 """Payloads that decoding never needs: metadata, attachments, clocks, indexes and the FOOT.
 
-mETa holds metadata and aTTc an attachment (SPEC 6.7, 6.8). cLOk holds observations of another
-clock, and cMAp a map to its time (SPEC 6.10). iNDX and fOOT say where the chunks are (SPEC 6.5,
-6.6); they are hints and never trusted.
+mETa holds metadata and aTTc an attachment (SPEC 11.3, 11.4). cLOk holds observations of another
+clock, and cMAp a map to its time (SPEC 11.6). iNDX and fOOT say where the chunks are (SPEC 11.1,
+11.2); they are hints and never trusted.
 """
 
 from __future__ import annotations

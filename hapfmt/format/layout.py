@@ -164,7 +164,7 @@ COVERED_SPAN = Layout(
     Field("start", "u64", "first tick"),
     Field("ticks", "u64", "number of ticks"),
 )
-"""One span of the coverage in a digest (SPEC 6.9)."""
+"""One span of the coverage in a digest (SPEC 11.5)."""
 
 INDEX = Layout(
     Field("previous", "u64", "offset of the iNDX chunk that the list begins with; 0: none"),

@@ -296,7 +296,7 @@ class TrackTable:
 
     def drop_strangers(self) -> list[FormatError]:
         """In a damaged file: drops tracks that do not fit those that are left with smaller ids
-        (SPEC 14.1)."""
+        (SPEC 14.2)."""
         dropped: list[FormatError] = []
         last: dict[int, Track] = {}
         owned: set[int] = set()

@@ -1,4 +1,4 @@
-"""Clause 11: samples outside a deadband, and how far; clause 6.2: deviations rounded up."""
+"""Clause 11: samples outside a deadband, and how far; clause 8: deviations rounded up."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SPEC 6.4 to 6.6 and 8: clusters, index and footer, calibrations and contracts."""
+"""SPEC 6.4, 8, 11.1 and 11.2: clusters, index and footer, calibrations and contracts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How files end: cut, not closed, appended to, zeros behind (SPEC 14.1, 14.2, 13)."""
+"""How files end: cut, not closed, appended to, zeros behind (SPEC 13, 14.1, docs/spec/recovery.md)."""
 
 from __future__ import annotations
 

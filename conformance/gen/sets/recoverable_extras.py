@@ -1,4 +1,4 @@
-"""Damage of what is not samples: digests, metadata, attachments, clocks (SPEC 6.7 to 6.10)."""
+"""Damage of what is not samples: digests, metadata, attachments, clocks (SPEC 11.3 to 11.6)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WHOLE = w.decoded(dict.fromkeys(range(3), ALL))
 
 
 def digest(track: int, spans: Iterable[tuple[int, int]]) -> bytes:
-    """SPEC 6.9."""
+    """SPEC 11.5."""
     ticks = [tick for start, stop in spans for tick in range(start, stop)]
     counts = struct.pack(f"<{len(ticks)}i", *(w.value(track, tick) for tick in ticks))
     rows = b"".join(struct.pack("<QQ", start, stop - start) for start, stop in spans)

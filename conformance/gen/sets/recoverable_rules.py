@@ -1,4 +1,4 @@
-"""Rules that are broken in a file with damage (SPEC 14.1), or where more than one verdict fits."""
+"""Rules that are broken in a file with damage (SPEC 14.2), or where more than one verdict fits."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ function headOf(file, kept) {
   return payload;
 }
 
-// Its member `notes` tells what happened (6.7).
+// Its member `notes` tells what happened (11.3).
 function metadataOf(file, { numbers }, t0, t1, name) {
   const { notes = [], ...rest } = file.metadata ?? {};
   const span = t0 === null ? '' : `; ${t0}:${t1} s`;

@@ -39,7 +39,7 @@ function refuse(file, error) {
 }
 
 // Takes what breaks a rule. soft: true for what is not held against a file with damage, 'closed' for what is held
-// against a closed one only (14.1).
+// against a closed one only (14.2).
 function note(file, error, chunk, soft = false, packet = null) {
   if (!(error instanceof HapfError)) throw error;
   if (soft && file.damaged) return;
@@ -192,7 +192,7 @@ function readAncillary(file, noteIt) {
   if (file.metadata) file.metadataText = writeJson(file.metadata);
 }
 
-// 6.5, 6.6: kept in a file with damage, where they show which chunks are missing; checked in another.
+// 11.1, 11.2: kept in a file with damage, where they show which chunks are missing; checked in another.
 function readIndexes(file, noteIt) {
   const { bytes, chunks, damaged, held, allTracks } = file;
   const byPosition = new Map(chunks.map((chunk) => [chunk.position, chunk]));

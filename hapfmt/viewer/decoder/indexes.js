@@ -1,4 +1,4 @@
-// iNDX and fOOT (6.5, 6.6).
+// iNDX and fOOT (11.1, 11.2).
 import { Reader } from './bytes.js';
 import { HapfError, broken } from './error.js';
 

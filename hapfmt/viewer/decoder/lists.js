@@ -1,4 +1,4 @@
-// What TLVs of tracks hold (6.2, clauses 8 and 11).
+// What TLVs of tracks hold (clauses 8 and 11).
 import { Reader, decodeText } from './bytes.js';
 import { broken } from './error.js';
 import { readCalibration } from './values.js';
