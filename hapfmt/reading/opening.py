@@ -1,6 +1,6 @@
 """Opens a file by its index, or by walking through it (SPEC 11.1 and clause 14).
 
-The module also reads the chain of indexes (SPEC 11.1), and the facts that appending to a file needs.
+The module also reads the chain of indexes, and the facts that appending to a file needs.
 """
 
 from __future__ import annotations

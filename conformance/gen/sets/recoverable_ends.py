@@ -1,4 +1,4 @@
-"""How files end: cut, not closed, appended to, zeros behind (SPEC 13, 14.1, docs/spec/recovery.md)."""
+"""How files end: cut, not closed, appended to, zeros behind (SPEC 13 and 14)."""
 
 from __future__ import annotations
 

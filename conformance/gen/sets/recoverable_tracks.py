@@ -1,4 +1,4 @@
-"""Descriptions that are lost, and what is left without them (SPEC clause 14, docs/spec/recovery.md)."""
+"""Descriptions that are lost, and what is left without them (SPEC 14.1 and 14.2)."""
 
 from __future__ import annotations
 
