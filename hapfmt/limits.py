@@ -147,7 +147,10 @@ class Limits:
 
 
 LAST_TRACK_ID = 65_533
-"""65 534 tracks; 0xFFFF means "none" (SPEC TRK-003)."""
+"""SPEC TRK-003."""
+
+LAST_CHANNEL = 65_534
+"""SPEC TRK-010."""
 
 TICK_LIMIT = 1 << 48
 """Ticks end at 2**48: 8900 years at 1 kHz, and exact in a float64."""

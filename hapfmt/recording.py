@@ -1161,8 +1161,8 @@ class Recording:
                 raise ParameterError("the epoch lies within 2^63 nanoseconds of 1970")
         uncertainty = _whole_ns(self.epoch_uncertainty_ns, "epoch_uncertainty_ns")
         object.__setattr__(self, "epoch_uncertainty_ns", uncertainty)
-        if not 0 <= uncertainty < 2 * EPOCH_LIMIT - 1:
-            raise ParameterError("the uncertainty of the epoch lies between 0 and 2^64 - 2 ns")
+        if not 0 <= uncertainty < EPOCH_LIMIT:
+            raise ParameterError("the uncertainty of the epoch is below 2^63 ns and not negative")
 
     def _place_clocks(self) -> None:
         """Channels of clocks become numbers, and what belongs together is put together."""

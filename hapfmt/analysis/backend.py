@@ -18,7 +18,6 @@ from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any
-from uuid import UUID
 
 import numpy as np
 import xarray
@@ -145,7 +144,7 @@ class HapfFile:
         reader.refuse_damage()
         head = reader.catalogue.head
         self.about = About(
-            UUID(bytes=head.uuid) if head and head.uuid else None,
+            reader.catalogue.uuid,
             head.epoch_ns if head else None,
             head.epoch_uncertainty_ns if head else 0,
             reader.metadata,

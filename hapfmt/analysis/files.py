@@ -70,9 +70,9 @@ def stamp_of(path: str) -> tuple[int, ...]:
 def version_of(reader: PartReader) -> tuple[Any, ...]:
     """What differs where a path leads to another file, here or on another machine. The inode may
     differ there for the same file."""
-    source, head = reader.source, reader.catalogue.head
+    source, catalogue = reader.source, reader.catalogue
     version = getattr(source, "version", reader.stamp[:1])
-    return source.size, version, reader.catalogue.file_id, head.uuid if head else None
+    return source.size, version, catalogue.file_id, catalogue.uuid
 
 
 @contextmanager

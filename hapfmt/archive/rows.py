@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
-from uuid import UUID
 
 import numpy as np
 
@@ -119,12 +117,11 @@ def about_file(reader: Reader) -> dict[str, Any]:
     found: dict[str, Any] = {}
     head = reader.catalogue.head
     if head is not None:
-        found["uuid"] = str(UUID(bytes=head.uuid)) if head.uuid else None
+        found["uuid"] = str(reader.catalogue.uuid)
+        found["encoder"] = head.encoder or None
         if head.epoch_ns is not None:
             with suppress(OverflowError):
                 found["recorded"] = moment(head.epoch_ns).isoformat()
-    encoder = reader.metadata.get("encoder")
-    found["encoder"] = encoder.get("preset") if isinstance(encoder, Mapping) else None
     return found
 
 

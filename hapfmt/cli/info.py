@@ -13,7 +13,6 @@ from collections import Counter
 from itertools import groupby
 from pathlib import Path
 from typing import Any
-from uuid import UUID
 
 import click
 
@@ -235,7 +234,7 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
         "version": f"{head.major}.{head.minor}" if head else None,
         "level": catalogue.level.number,
         "file_id": None if catalogue.file_id is None else id_text(catalogue.file_id),
-        "uuid": str(UUID(bytes=head.uuid)) if head and head.uuid else None,
+        "uuid": str(catalogue.uuid) if catalogue.uuid else None,
         "epoch_ns": head.epoch_ns if head else None,
         "epoch_uncertainty_ns": head.epoch_uncertainty_ns if head else None,
         "duration_s": float(catalogue.duration) if catalogue.duration or catalogue.closed else None,
@@ -246,6 +245,7 @@ def describe(catalogue: Catalogue) -> dict[str, Any]:
         "channels": [channel_json(ref) for ref in catalogue.channels],
         "layers": [layer_json(layer) for layer in catalogue.layers],
         "clocks": clocks_json(catalogue),
+        "encoder": head.encoder if head else None,
         "metadata": catalogue.metadata,
         "attachments": [
             {"name": name, "media_type": a.media_type, "size": len(a.content)}
@@ -374,7 +374,7 @@ def show(file: str, damage: DamageReport, found: dict[str, Any]) -> None:
         count = counted(clock["observation_count"], "observation")
         say(f"clock: {clock['clock']} ({count} by {ticks}{mapped})")
     show_events(found.get("events"))
-    for key, value in catalogue.metadata.items():
+    for key, value in catalogue.described.items():
         for text in metadata_texts(key, value):
             say(text)
         if key == "encoder" and "(texture " in str(value):

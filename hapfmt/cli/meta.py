@@ -47,7 +47,7 @@ def meta(
         refuse_idle("requires --output", force=force)
     if not members:
         with edit.Original(input_of(file), scan=False) as original:
-            known = original.catalogue.metadata
+            known = original.catalogue.described
         if as_json:
             echo_json(known)
         for name, value in () if as_json else known.items():

@@ -299,9 +299,8 @@ def recording(
         return nullcontext()
     from ..replay.sinks.record import RecordSink
 
-    head = reader.catalogue.head
-    source = head.uuid.hex() if head and head.uuid else None
-    metadata = {**played, "source_uuid": source}
+    source = reader.catalogue.uuid
+    metadata = {**played, "source_uuid": source.hex if source else None}
     content = json.dumps([metadata, profile.text]).encode()
     canonical = int.from_bytes(hashlib.sha256(content).digest()[:8], "little") if dry_run else None
     return RecordSink(target, profile, metadata=metadata, force=force, canonical=canonical)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from ..errors import FormatError, ParameterError, TruncatedError
 from ..format.cluster import Packet
 from ..format.track import Component, Track
-from ..format.wire import NO_TRACK, parse_text
+from ..format.wire import parse_text
 from ..limits import LEVELS, TICK_LIMIT
 from ..numbers import build_varint, parse_varint, rdiv
 from ..recording import Event, index_of_channel
@@ -117,7 +117,7 @@ def layer_track(
 ) -> Track:
     """The description of a layer."""
     component = Component(label=layer, device=device)
-    return Track(id_, "events", "EVNT", rate, NO_TRACK, (component,), provenance=provenance)
+    return Track(id_, "events", "EVNT", rate, 0, (component,), provenance=provenance)
 
 
 def rate_of(events: Iterable[Event]) -> Fraction:

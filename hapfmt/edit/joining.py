@@ -21,13 +21,12 @@ from typing import Literal, NamedTuple
 from ..errors import ParameterError, UnsupportedError
 from ..format.cluster import Packet
 from ..format.extras import build_metadata
-from ..format.track import Affine, Component, Track, minor_of
+from ..format.track import Affine, Component, Track
 from ..format.wire import Head, check_file_id
-from ..limits import LAST_TRACK_ID, LEVELS
+from ..limits import LAST_CHANNEL, LAST_TRACK_ID, LEVELS
 from ..numbers import exact
 from ..reading.packets import Seconds
 from .making import (
-    LAST_CHANNEL,
     NS,
     Advance,
     Edited,
@@ -39,8 +38,8 @@ from .making import (
     Output,
     TrackPlace,
     another,
-    combined,
     common_period,
+    described_by,
     differing_maps,
     has_channels,
     lay_out,
@@ -289,7 +288,7 @@ def one_recording(originals: Sequence[Original]) -> bool:
     """Whether all files are parts of one recording, on its time line."""
     first = originals[0].head
     names = {(original.head.uuid, original.head.epoch_ns) for original in originals}
-    return names == {(first.uuid, first.epoch_ns)} and first.uuid is not None
+    return names == {(first.uuid, first.epoch_ns)}
 
 
 def period_of(originals: Sequence[Original]) -> Fraction:
@@ -304,7 +303,6 @@ def common_line(
     originals: Sequence[Original],
     times: Times | None,
     given: Mapping[int, Seconds],
-    canonical: int | None,
 ) -> CommonTimeline:
     """Offsets of files recorded side by side; ``given``: by the place of the file."""
     if given:
@@ -313,7 +311,7 @@ def common_line(
         offsets = [exact(given.get(i, 0)) for i in range(len(originals))]
         for original, offset in zip(originals, offsets, strict=True):
             check_offset(original, offset)
-        return CommonTimeline(another(originals[0].head, -offsets[0], canonical), offsets, [])
+        return CommonTimeline(another(originals[0].head, -offsets[0]), offsets, [])
     epochs = [original.head.epoch_ns for original in originals]
     equal = None not in epochs and len(set(epochs)) == 1
     zeros = [Fraction(0)] * len(originals)
@@ -322,7 +320,7 @@ def common_line(
     if times == "same" or (times is None and equal):
         head = originals[0].head
         return CommonTimeline(
-            head if one_recording(originals) else another(head, zeros[0], canonical), zeros, []
+            head if one_recording(originals) else another(head, zeros[0]), zeros, []
         )
     if times is None:
         raise ParameterError(
@@ -331,7 +329,7 @@ def common_line(
         )
     first = originals[min(range(len(epochs)), key=lambda i: epoch_of(originals[i]))]
     offsets, notes = by_epoch(first, originals, [period_of([original]) for original in originals])
-    return CommonTimeline(another(first.head, zeros[0], canonical), offsets, notes)
+    return CommonTimeline(another(first.head, zeros[0]), offsets, notes)
 
 
 def epoch_of(original: Original) -> int:
@@ -413,9 +411,10 @@ def concat(
         known, notes = known_offsets(originals, times)
         head = originals[0].head
         if times != "same" or not one_recording(originals):
-            head = another(head, Fraction(0), canonical)
+            head = another(head, Fraction(0))
         text = f"concatenated from {', '.join(map(dated, originals))}"
-        metadata = with_note(combined([o.catalogue.metadata for o in originals]), text)
+        encoder, members = described_by(originals)
+        metadata = with_note(members, text)
         tracks = list(joining.tracks.values())
         level = level_for(
             tracks,
@@ -423,10 +422,8 @@ def concat(
             largest=len(build_metadata(metadata)),
         )
         with opened(out, force) as stream:
-            making = Making(
-                stream, head, level=level, minor=minor_of(tracks), canonical=canonical,
-                name=name_of(out),
-            )  # fmt: skip
+            head = replace(head, encoder=encoder)
+            making = Making(stream, head, level=level, canonical=canonical, name=name_of(out))
             if len(originals) > 1:
                 same = times == "same"
                 making.maps_to_drop = differing_maps(originals) if same else Everything()
@@ -532,10 +529,11 @@ def merge(
         originals = [stack.enter_context(open_original(file)) for file in files]
         for original in originals:
             original.check_known(list(original.tracks.values()))
-        line = common_line(originals, times, offsets or {}, canonical)
+        line = common_line(originals, times, offsets or {})
         plans = plans_of(originals, line.offsets, prefixes or [""] * len(files))
         text = f"merged from {', '.join(map(title, originals))}"
-        metadata = with_note(combined([o.catalogue.metadata for o in originals]), text)
+        encoder, members = described_by(originals)
+        metadata = with_note(members, text)
         tracks = [place.track for plan in plans for place in plan.places.values()]
         level = level_for(
             tracks,
@@ -543,10 +541,8 @@ def merge(
             largest=len(build_metadata(metadata)),
         )
         with opened(out, force) as stream:
-            making = Making(
-                stream, line.head, level=level, minor=minor_of(tracks), canonical=canonical,
-                name=name_of(out),
-            )  # fmt: skip
+            head = replace(line.head, encoder=encoder)
+            making = Making(stream, head, level=level, canonical=canonical, name=name_of(out))
             making.edited.offsets = line.offsets
             for note in [*line.notes, *collisions(plans)]:
                 making.note(note)

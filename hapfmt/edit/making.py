@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import hashlib
 import os
-import uuid
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import ceil, gcd, lcm
-from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
+from uuid import UUID
 
 from ..clocks import TICK_BOUND
 from ..codecs.events import build_events, parse_events
@@ -39,9 +38,9 @@ from ..format.layout import HEAD
 from ..format.source import open_source
 from ..format.track import Affine, Contract, Track, lone_lf
 from ..format.walk import Chunk, header_at, read_chunk
-from ..format.wire import NO_TRACK, Head, parse_tlvs
-from ..limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level, Limits
-from ..numbers import build_svarint, counted, parse_svarint, parse_varint
+from ..format.wire import HEAD_TLVS, UNCERTAINTY_LIMIT, Head, parse_tlvs
+from ..limits import LAST_CHANNEL, LAST_TRACK_ID, LEVELS, TICK_LIMIT, Level, Limits
+from ..numbers import build_svarint, build_varint, counted, parse_svarint, parse_varint
 from ..reading.catalogue import Catalogue, ChunkRef, FalseIndexError
 from ..reading.opening import open_catalogue
 from ..reading.packets import Seconds, overlapping
@@ -85,13 +84,11 @@ class Original(Closing):
         return self.source.path or "the input"
 
     @property
-    def stem(self) -> str:
-        return Path(self.source.path).stem if self.source.path else ""
-
-    @property
     def head(self) -> Head:
-        assert self.catalogue.head is not None
-        return self.catalogue.head
+        """With the UUID, also where it follows from the file id."""
+        catalogue = self.catalogue
+        assert catalogue.head is not None and catalogue.uuid is not None
+        return replace(catalogue.head, uuid=catalogue.uuid.bytes)
 
     @property
     def tracks(self) -> dict[int, Track]:
@@ -200,7 +197,7 @@ class Original(Closing):
         """Chunks that are none of ``DESCRIBED``, before the first DATA chunk or behind it."""
         first = min((ref.offset for ref in self.catalogue.data), default=self.source.size)
         for ref in self.catalogue.chunks:
-            if (ref.type in DESCRIBED and ref.known) or (ref.offset > first) != behind:
+            if ref.type in DESCRIBED or (ref.offset > first) != behind:
                 continue
             chunk = read_chunk(self.source, ref.offset, self.catalogue.file_id)
             if chunk is None or not chunk.intact or chunk.header.type != ref.type:
@@ -241,9 +238,6 @@ def ticks_of(seconds: Fraction, rate: Fraction) -> int:
     if ticks.denominator != 1:
         raise ParameterError(f"{seconds} s is not a whole number of ticks at {rate} Hz")
     return ticks.numerator
-
-
-LAST_CHANNEL = 65_534
 
 
 class TrackPlace(NamedTuple):
@@ -328,34 +322,49 @@ class Everything:
 
 
 def differing_maps(originals: Sequence[Original]) -> set[bytes]:
-    """Payloads of the maps that files, parts of one line of time, do not have in common."""
+    """The maps that files, parts of one line of time, do not have in common."""
     found = [
         {
-            chunk.payload
+            map_of(chunk.payload)
             for behind in (False, True)
             for chunk in original.others(behind=behind)
-            if chunk.header.type == "cMAp" and chunk.header.known
+            if chunk.header.type == "cMAp"
         }
         for original in originals
     ]
     return found[0].union(*found) - found[0].intersection(*found)
 
 
-def moved_clock(payload: bytes, track: int, plan: EditPlan, offset: int) -> bytes | None:
-    """The payload of a clock chunk, of observations or a map, on the new time line: all its ticks
-    are counted from the first. None where no whole number of ticks, or no svarint, says that."""
-    place = plan.places.get(track)
+def map_of(payload: bytes) -> bytes:
+    """The clock and the points of a cMAp payload, which was parsed before."""
+    _, start = parse_varint(payload, 0)
+    return payload[start:]
+
+
+def moved_clock(payload: bytes, plan: EditPlan, offset: int) -> bytes:
+    """The payload of a clock chunk, of observations or a map, for its new track on the new time
+    line: all its ticks are counted from the first.
+
+    Raises ParameterError where the track is left out, or where no whole number of ticks, or no
+    svarint, says that.
+    """
+    number, named = parse_varint(payload, 0, offset)
+    place = plan.places.get(number - 1)
+    if number and place is None:
+        raise ParameterError(f"it refers to track {number - 1}")
     ticks = Fraction(place.shift) if place else plan.shift * NS
-    if (track != NO_TRACK and place is None) or ticks.denominator != 1:
-        return None
+    if ticks.denominator != 1:
+        raise ParameterError("its ticks cannot move so")
+    track = build_varint(place.track.id + 1 if place else 0)
     if not ticks:
-        return payload
-    _, start = parse_varint(payload, 1 + payload[0] if payload else 0, offset)
+        return track + payload[named:]
+    size = payload[named] if named < len(payload) else 0
+    _, start = parse_varint(payload, named + 1 + size, offset)
     tick, stop = parse_svarint(payload, start, offset)
     tick += ticks.numerator
     if not -TICK_BOUND < tick < TICK_BOUND:
-        return None
-    return payload[:start] + build_svarint(tick) + payload[stop:]
+        raise ParameterError("its ticks cannot move so")
+    return track + payload[named:start] + build_svarint(tick) + payload[stop:]
 
 
 def renumbered(packet: Packet, numbers: Mapping[int, int]) -> tuple[Packet | None, int]:
@@ -442,7 +451,6 @@ class Making:
         head: Head,
         *,
         level: Level,
-        minor: int,
         canonical: int | None = None,
         name: str | None = None,
     ) -> None:
@@ -450,10 +458,10 @@ class Making:
             stream,
             level=level,
             file_id=canonical,
-            recording_uuid=uuid.UUID(bytes=head.uuid) if head.uuid else None,
+            recording_uuid=UUID(bytes=head.uuid) if head.uuid else None,
             epoch_ns=head.epoch_ns,
             epoch_uncertainty_ns=head.epoch_uncertainty_ns,
-            minor=minor,
+            encoder=head.encoder,
         )
         self.edited = Edited(name, level=level.number)
         self.stops: dict[tuple[int, bool], int] = {}
@@ -464,7 +472,7 @@ class Making:
         self.seen: dict[bytes, Original] = {}
         """Which file had a chunk first, by its digest."""
         self.maps_to_drop: Container[bytes] = ()
-        """Payloads of clock maps that hold only for some of their tracks."""
+        """Clock maps that hold only for some of their tracks."""
         self.lost_events = 0
         self.asked: tuple[Fraction | None, Fraction | None] = (None, None)
         """The seconds that the file shall have; None: any."""
@@ -483,7 +491,7 @@ class Making:
                 self.note(f"TLVs {listed} of track {old} left out: not known here")
         tracks = {place.track.id: place.track for place in plan.places.values()}
         self.out.describe(list(tracks.values()))
-        if parse_tlvs(original.catalogue.head_payload, HEAD.size, 0):
+        if parse_tlvs(original.catalogue.head_payload, HEAD.size, 0).keys() - HEAD_TLVS:
             self.note("TLVs of HEAD left out: not known here")
 
     def metadata(self, metadata: Mapping[str, Any]) -> None:
@@ -494,33 +502,26 @@ class Making:
         """Attachments, clocks and chunks of unknown types that are safe to copy; what an earlier
         file had too comes once."""
         for chunk in original.others(behind=behind):
-            header, payload, track = chunk.header, chunk.payload, chunk.header.track
+            header, payload = chunk.header, chunk.payload
             if not header.known and header.type[3].isupper():
                 self.note(f"{header.type} chunk left out: unknown, and unsafe to copy")
                 continue
-            attached = header.known and header.type == "aTTc"
-            if attached and payload.startswith(OVERVIEW_NAMES):
+            if header.type == "aTTc" and payload.startswith(OVERVIEW_NAMES):
                 self.note("the overview was left out: it describes the packets of another file")
                 continue
-            if track != NO_TRACK:
-                place = plan.places.get(track)
-                if place is None and header.type != "aTTc":
-                    self.note(f"{header.type} chunk left out: it refers to track {track}")
+            if header.type in TYPES:
+                try:
+                    payload = moved_clock(payload, plan, chunk.payload_offset)
+                except ParameterError as error:
+                    self.note(f"{header.type} chunk left out: {error.message}")
                     continue
-                track = place.track.id if place else NO_TRACK
-            if header.known and header.type in TYPES:
-                moved = moved_clock(payload, chunk.header.track, plan, chunk.payload_offset)
-                if moved is None:
-                    self.note(f"{header.type} chunk left out: its ticks cannot move so")
-                    continue
-                payload = moved
-            digest = hashlib.sha256(f"{header.type} {track} ".encode() + payload).digest()
+            digest = hashlib.sha256(header.type.encode() + payload).digest()
             if self.seen.setdefault(digest, original) is not original:
                 continue
-            if header.known and header.type == "cMAp" and payload in self.maps_to_drop:
+            if header.type == "cMAp" and map_of(payload) in self.maps_to_drop:
                 self.note("cMAp chunk left out: packets of other files come to its track")
                 continue
-            self.out.chunk(header.type, payload, track, flags=header.flags)
+            self.out.chunk(header.type, payload)
             if not header.known:
                 self.note(f"{header.type} chunk copied: unknown, but safe to copy")
 
@@ -665,7 +666,8 @@ class Making:
                 f"{counted(self.lost_events, 'event')} left out: of channels that are left out"
             )
         edited, out = self.edited, self.out
-        edited.file_size, edited.cluster_count = out.offset, out.data_count
+        edited.file_size = out.offset
+        edited.cluster_count = sum(entry.type == "DATA" for entry in out.entries)
         edited.track_count = len(out.tracks)
         edited.start, edited.stop = self.span or (None, None)
         found: dict[int, dict[str, Any]] = {}
@@ -711,19 +713,18 @@ def name_of(file: Output) -> str | None:
     return os.fspath(file) if isinstance(file, (str, os.PathLike)) else None
 
 
-def another(head: Head, shift: Fraction, canonical: int | None) -> Head:
+def another(head: Head, shift: Fraction) -> Head:
     """The head of a recording of its own, whose tick 0 is ``shift`` seconds after that of
-    ``head``: another UUID, and the epoch moved along."""
-    name = None if canonical is not None else uuid.uuid4().bytes
+    ``head``: without its UUID, and the epoch moved along."""
     if head.epoch_ns is None or not shift:
-        return replace(head, uuid=name)
+        return replace(head, uuid=None)
     exact = shift * NS
     whole = round(exact)
-    doubt = head.epoch_uncertainty_ns + (exact != whole)
+    doubt = min(head.epoch_uncertainty_ns + (exact != whole), UNCERTAINTY_LIMIT - 1)
     epoch = head.epoch_ns + whole
     if not -(1 << 63) <= epoch < 1 << 63:
-        return replace(head, uuid=name, epoch_ns=None, epoch_uncertainty_ns=0)
-    return replace(head, uuid=name, epoch_ns=epoch, epoch_uncertainty_ns=doubt)
+        return replace(head, uuid=None, epoch_ns=None, epoch_uncertainty_ns=0)
+    return replace(head, uuid=None, epoch_ns=epoch, epoch_uncertainty_ns=doubt)
 
 
 def with_note(metadata: Mapping[str, Any], text: str) -> dict[str, Any]:
@@ -786,6 +787,14 @@ def combined(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
                 key = f"{name} ({number})"
             found[key] = value
     return found | ({"notes": notes} if notes else {})
+
+
+def described_by(originals: Sequence[Original]) -> tuple[str, dict[str, Any]]:
+    """The encoder of the first file that names one, and the metadata of all. Other encoders become
+    members."""
+    encoders = [{"encoder": text} for o in originals if (text := o.head.encoder)]
+    metadata = combined([*encoders, *(original.catalogue.metadata for original in originals)])
+    return metadata.pop("encoder") if encoders else "", metadata
 
 
 def same(a: Any, b: Any) -> bool:

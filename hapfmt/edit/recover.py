@@ -23,12 +23,19 @@ from fractions import Fraction
 from itertools import groupby
 from pathlib import Path
 from typing import Any, BinaryIO, cast
-from uuid import UUID
 
 from ..errors import DAMAGED, HARMLESS, UNSUPPORTED, FormatError, HapfmtError, ParameterError
 from ..files import atomic_write, refusal, refuse, sync_directory, target
 from ..format.cluster import Packet, alone_size
-from ..format.extras import build_metadata, parse_attachment, parse_clock, parse_map, parse_metadata
+from ..format.extras import (
+    ClockChunk,
+    ClockMapChunk,
+    build_metadata,
+    parse_attachment,
+    parse_clock,
+    parse_map,
+    parse_metadata,
+)
 from ..format.source import SPOOL_SIZE, ByteSource, StreamSource, open_source
 from ..format.track import (
     COMPONENTS,
@@ -37,12 +44,12 @@ from ..format.track import (
     Track,
     TrackTable,
     build_track,
-    minor_of,
+    first_of,
     split,
 )
-from ..format.walk import Chunk, Finding, read_chunk
-from ..format.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, check_file_id
-from ..limits import LAST_TRACK_ID, Limits
+from ..format.walk import Chunk, Finding, header_at, read_chunk
+from ..format.wire import HEADER_SIZE, SIGNATURE, check_file_id, crc32
+from ..limits import LAST_CHANNEL, LAST_TRACK_ID, Limits
 from ..numbers import counted
 from ..reading.catalogue import Catalogue, ChunkRef
 from ..reading.damage import DamageReport, LostPart, LostSpan
@@ -60,7 +67,6 @@ EMPTY = b"\0\0\0\1\0"
 LOST_LABEL = "(lost)"
 LOST_RESIDUAL = "the description of this HF track was lost"
 LOST_CHANNEL = "the description of this channel was lost"
-LAST_CHANNEL = 65_534
 EVERYTHING = (0, 1 << 62)
 """All ticks."""
 
@@ -110,7 +116,7 @@ def copied(catalogue: Catalogue, kept: dict[int, Track]) -> Iterator[Record]:
         records = split(chunk.payload, catalogue.level, offset)
         for track in tracks:
             if track is catalogue.tracks[track.id]:
-                yield track, records[track.id - chunk.header.track]
+                yield track, records[track.id - first_of(chunk.payload)]
             elif track.unsupported is None:
                 yield track, build_track(track)
 
@@ -185,7 +191,7 @@ def free_ids(taken: set[int]) -> Iterator[int]:
 
 
 WRITTEN_ANEW = frozenset({"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "dGST"})
-CLOCKS: dict[str, Callable[[bytes, int | None, int], object]] = {
+CLOCKS: dict[str, Callable[[bytes, int], ClockChunk | ClockMapChunk]] = {
     "cLOk": parse_clock,
     "cMAp": parse_map,
 }
@@ -204,7 +210,7 @@ class Extras:
 
     def copy(self, ref: ChunkRef) -> None:
         """One chunk unchanged, where it is intact and still has a meaning."""
-        if ref.known and ref.type in WRITTEN_ANEW:
+        if ref.type in WRITTEN_ANEW:
             return
         chunk = read_chunk(self.catalogue.source, ref.offset)
         if chunk is None or not chunk.intact:
@@ -214,7 +220,7 @@ class Extras:
         if not header.known:
             (self.kept if keep else self.dropped).append(header.type)
         if keep:
-            self.writer.chunk(header.type, chunk.payload, header.track, flags=header.flags)
+            self.writer.chunk(header.type, chunk.payload)
 
     def wanted(self, chunk: Chunk) -> bool:
         header, offset = chunk.header, chunk.payload_offset
@@ -226,12 +232,13 @@ class Extras:
                 if parse_attachment(chunk.payload, offset).is_overview:
                     return False
             elif header.type in CLOCKS:
-                track = self.catalogue.observed_track(chunk)
-                CLOCKS[header.type](chunk.payload, track, offset)
+                track = CLOCKS[header.type](chunk.payload, offset).track
+                self.catalogue.check_observed(track, chunk)
+                return track is None or track in self.tracks
         except FormatError as error:
             lose_chunk(self.catalogue, chunk, error)
             return False
-        return header.track == NO_TRACK or header.track in self.tracks
+        return True
 
     def may_be_copied(self, chunk: Chunk) -> bool:
         """Whether to copy a chunk of an unknown type: always if nothing else changes. A critical
@@ -338,8 +345,8 @@ def recover(
     of most bytes. ``force`` replaces an existing file. ``progress`` is called with (clusters done,
     clusters in all).
 
-    Raises FormatError if ``file`` is not a hapf file at all, and UnsupportedError if its version or
-    a feature bit is unknown. Then nothing is written.
+    Raises FormatError if ``file`` is not a hapf file at all, and UnsupportedError if its version
+    is unknown. Then nothing is written.
     """
     check_file_id(canonical)
     if isinstance(into, (str, os.PathLike)):
@@ -423,17 +430,17 @@ class Copy:
         self.progress = progress
         self.done = Recovery()
         self.lost: list[LostSpan] = []
-        self.types = {ref.offset: ref.type for ref in catalogue.chunks if ref.known}
+        self.types = {ref.offset: ref.type for ref in catalogue.chunks}
         described, self.places = describe(catalogue)
         head = catalogue.head
         self.writer = FileWriter(
             stream,
             level=catalogue.level,
             file_id=file_id,
-            recording_uuid=UUID(bytes=head.uuid) if head and head.uuid else None,
+            recording_uuid=catalogue.uuid,
             epoch_ns=head.epoch_ns if head else None,
             epoch_uncertainty_ns=head.epoch_uncertainty_ns if head else 0,
-            minor=minor_of(track for track, _ in described),
+            encoder=head.encoder if head else "",
         )
         self.writer.describe_as(described)
         empty = {track.id for track in self.places}
@@ -457,7 +464,7 @@ class Copy:
 
     def run(self) -> Recovery:
         catalogue, done = self.catalogue, self.done
-        apart = [ref for ref in catalogue.chunks if not (ref.known and ref.type == "DATA")]
+        apart = [ref for ref in catalogue.chunks if ref.type != "DATA"]
         others = deque(sorted(apart, key=lambda ref: ref.sequence or 0))
         bare = [track.base for track in self.places if track.base is not None]
         self.lost = [LostSpan(base, 0, None) for base in bare]
@@ -557,9 +564,18 @@ class Copy:
         # Packets without bytes have the offset of whatever follows them.
         type_ = self.types.get(finding.offset) if finding.code in OF_CHUNKS else None
         if type_ == "TRAK" and finding.code != "bad-chunk":
-            chunk = read_chunk(self.catalogue.source, finding.offset)
-            return chunk is None or chunk.header.track not in self.tracks
+            return not self.has_copy(finding.offset)
         return type_ not in REMADE and (type_ != "HEAD" or self.catalogue.head is None)
+
+    def has_copy(self, offset: int) -> bool:
+        """Whether the TRAK chunk at ``offset`` had a payload that is in another one."""
+        catalogue = self.catalogue
+        header = header_at(catalogue.source, offset, catalogue.file_id)
+        copies = catalogue.table.payloads.values()
+        return header is not None and any(
+            len(copy) == header.payload_size and crc32(copy, header.seed) == header.payload_crc
+            for copy in copies
+        )
 
     def note(self) -> str:
         """What happened, for a person."""

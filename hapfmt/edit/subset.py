@@ -15,7 +15,7 @@ from typing import NamedTuple
 from ..errors import ParameterError, channels_called
 from ..format.cluster import Packet
 from ..format.extras import build_metadata
-from ..format.track import Track, minor_of
+from ..format.track import Track
 from ..format.wire import FILE_ID_LIMIT, check_file_id
 from ..limits import LEVELS
 from ..numbers import exact as fraction
@@ -218,7 +218,7 @@ def write_part(
     if to_zero:
         period = common_period([track.rate for track in kept.values()])
         shift = first_time(original, kept, window) // period * period
-        head = another(head, shift, canonical)
+        head = another(head, shift)
     plan = lay_out(kept, shift=-shift)
     metadata = with_note(original.catalogue.metadata, text)
     described = [place.track for place in plan.places.values()]
@@ -226,10 +226,7 @@ def write_part(
     limits = level_for(described, LEVELS[head.level], *asked, largest=len(build_metadata(metadata)))
     ends = [None if end is None else fraction(end) - shift for end in window[:2]]
     with opened(out, force) as stream:
-        making = Making(
-            stream, head, level=limits, minor=minor_of(described), canonical=canonical,
-            name=name_of(out),
-        )  # fmt: skip
+        making = Making(stream, head, level=limits, canonical=canonical, name=name_of(out))
         making.asked = ends[0], ends[1]
         for note in notes:
             making.note(note)
@@ -287,11 +284,8 @@ def said(
 
 
 def title(original: Original) -> str:
-    """The recording by its UUID, or the name of its file."""
-    from uuid import UUID
-
-    known = original.head.uuid
-    return str(UUID(bytes=known)) if known else original.stem or "a recording"
+    """The recording by its UUID."""
+    return str(original.catalogue.uuid)
 
 
 PARTS_LIMIT = 100_000

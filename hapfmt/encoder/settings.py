@@ -26,6 +26,7 @@ from ..numbers import exact
 from ..recording import Calibration, Recording
 from ..split import LF_CUTOFF_HZ
 from ..units import conversion, to_ucum
+from ..version import __version__
 
 # ASCII digits only: \d would take every digit of Unicode. Four digits of exponent are more than
 # float64 can use, and keep the text of the exponent short.
@@ -241,10 +242,10 @@ EXACT_DB = 150.0
 """A texture with a higher signal-to-noise ratio differs by rounding to double precision alone."""
 
 REACHED = " (texture "
-"""In the metadata "encoder", before the quality of textures."""
+"""In the encoder's text, before the quality of textures."""
 
 INPUT = "; input: "
-"""In the metadata "encoder", before the encoder of a lossy input."""
+"""In the encoder's text, before the encoder of a lossy input."""
 
 INPUT_SIZE = 300
 """Characters that are kept of it."""
@@ -487,7 +488,7 @@ class Settings:
     def describe(self) -> str:
         """The preset and the options that differ from it, in the words of the command line.
 
-        The file's metadata contain this text.
+        The file's HEAD contains this text.
         """
         departs = [
             f"--{option} {written(getattr(self, name))}"
@@ -506,15 +507,21 @@ class Settings:
         return " ".join([self.preset, *departs, *(flag for flag, on in flags.items() if on)])
 
 
+def made_with(settings: Settings) -> str:
+    """This program and the settings: hapfmt 0.1.0, where they are those of preset lossless."""
+    text, own = settings.describe(), f"hapfmt {__version__}"
+    return own if text == "lossless" else f"{own}: {text}"
+
+
 def preset_of(encoder: object) -> str:
-    """The preset in the metadata that hapfmt writes: hapfmt 0.1.0: lossless."""
+    """The preset in the text that hapfmt writes: hapfmt 0.1.0: near-lossless."""
     if not isinstance(encoder, str) or not encoder.startswith("hapfmt "):
         return ""
-    return encoder.partition(INPUT)[0].partition(": ")[2].partition(REACHED)[0]
+    return encoder.partition(INPUT)[0].partition(": ")[2].partition(REACHED)[0] or "lossless"
 
 
 def lossy_preset(encoder: object) -> str:
-    """The last lossy preset in the metadata "encoder" of a recording; empty where there is none."""
+    """The last lossy preset in the encoder's text; empty where there is none."""
     texts = encoder.split(INPUT) if isinstance(encoder, str) else []
     for preset in map(preset_of, texts):
         name, _ = renamed(preset.partition(" ")[0], {})

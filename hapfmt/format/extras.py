@@ -172,11 +172,11 @@ class ClockMapChunk(NamedTuple):
     points: tuple[tuple[int, int], ...]
 
 
-def build_clocks(clock: str, rows: Iterable[ClockRow]) -> Iterator[bytes]:
+def build_clocks(clock: str, track: int | None, rows: Iterable[ClockRow]) -> Iterator[bytes]:
     """cLOk payloads of the observations of a clock on one track: several where they are many, or
     where the clock leaps further than a difference can tell."""
     for part in parts_of(rows):
-        out = bytearray(build_name(clock) + build_varint(len(part)))
+        out = bytearray(build_name(clock, track) + build_varint(len(part)))
         before = None
         for tick, time_ns, uncertainty_ns in part:
             if before is None:
@@ -204,10 +204,10 @@ def parts_of(rows: Iterable[ClockRow]) -> Iterator[list[ClockRow]]:
         yield part
 
 
-def build_map(clock: str, points: Sequence[tuple[int, int]]) -> bytes:
+def build_map(clock: str, track: int | None, points: Sequence[tuple[int, int]]) -> bytes:
     """The cMAp payload."""
     (tick, time_ns), *others = points
-    out = bytearray(build_name(clock) + build_varint(len(points)))
+    out = bytearray(build_name(clock, track) + build_varint(len(points)))
     out += build_svarint(tick) + time_ns.to_bytes(8, "little", signed=True)
     for later, then_ns in others:
         out += build_varint(later - tick) + build_varint(then_ns - time_ns)
@@ -215,24 +215,28 @@ def build_map(clock: str, points: Sequence[tuple[int, int]]) -> bytes:
     return bytes(out)
 
 
-def build_name(clock: str) -> bytes:
+def build_name(clock: str, track: int | None) -> bytes:
     raw = clock.encode()
-    return bytes([len(raw)]) + raw
+    return build_varint(0 if track is None else track + 1) + bytes([len(raw)]) + raw
 
 
-def parse_name(payload: bytes, offset: int) -> tuple[str, int]:
-    """The name and where it ends."""
-    stop = 1 + (payload[0] if payload else 0)
-    if stop == 1 or stop > len(payload):
+def parse_name(payload: bytes, offset: int) -> tuple[str, int | None, int]:
+    """The name, the track, and where both end."""
+    number, start = parse_varint(payload, 0, offset)
+    stop = start + 1 + (payload[start] if start < len(payload) else 0)
+    if stop == start + 1 or stop > len(payload):
         raise FormatError(
-            "a clock without a name that lies in its chunk", requirement="CLK-001", offset=offset
+            "a clock without a name that lies in its chunk",
+            requirement="CLK-001",
+            offset=offset + start,
         )
-    return parse_text(payload[1:stop], offset + 1), stop
+    name = parse_text(payload[start + 1 : stop], offset + start + 1)
+    return name, number - 1 if number else None, stop
 
 
-def parse_clock(payload: bytes, track: int | None, offset: int) -> ClockChunk:
+def parse_clock(payload: bytes, offset: int) -> ClockChunk:
     """A cLOk payload at ``offset``."""
-    clock, position = parse_name(payload, offset)
+    clock, track, position = parse_name(payload, offset)
     at = position
     count, position = parse_varint(payload, position, offset)
     if count < 1:
@@ -254,9 +258,9 @@ def parse_clock(payload: bytes, track: int | None, offset: int) -> ClockChunk:
     return ClockChunk(clock, track, rows)
 
 
-def parse_map(payload: bytes, track: int | None, offset: int) -> ClockMapChunk:
+def parse_map(payload: bytes, offset: int) -> ClockMapChunk:
     """A cMAp payload at ``offset``."""
-    clock, position = parse_name(payload, offset)
+    clock, track, position = parse_name(payload, offset)
     at = position
     count, position = parse_varint(payload, position, offset)
     if count < 2:
@@ -305,6 +309,8 @@ def check_end(payload: bytes, position: int, offset: int) -> None:
 FIRST_OFFSET = 8
 INDEX_EVERY = 1 << 22
 """Bytes of chunks after which an index is due (SPEC IDX-005)."""
+BARE_SIZE, BARE_COUNT = 1 << 16, 16
+"""A file of at most this many bytes and chunks needs no index (SPEC IDX-005)."""
 NS_LIMIT = (1 << 63) - 1
 MS_LIMIT = (1 << 53) - 1
 ENTRY_SIZES = (5, 28)
@@ -328,10 +334,9 @@ class Index(NamedTuple):
 
 
 class Foot(NamedTuple):
-    index_offset: int
-    stop_offset: int
-    data_count: int
-    track_count: int
+    """``index_distance``: bytes back to the last index, 0 where there is none."""
+
+    index_distance: int
     duration_ns: int
 
 
@@ -422,19 +427,33 @@ def build_foot(foot: Foot) -> bytes:
     return FOOT.build(**foot._asdict())
 
 
-def parse_foot(payload: bytes, offset: int, *, moved: bool = False) -> Foot:
-    """The fOOT payload at ``offset``; ``moved``: bytes before it were lost or came in."""
+def parse_foot(payload: bytes, offset: int) -> Foot:
+    """The fOOT payload at ``offset``."""
     if len(payload) != FOOT.size:
         raise FormatError("footer of another length", requirement="FOT-001", offset=offset)
-    raw = FOOT.parse(payload, 0, "FOT-001", offset)
-    foot = Foot(**raw._asdict())
-    if not moved and foot.stop_offset != offset + len(payload):
+    return Foot(*FOOT.read(payload))
+
+
+DIGEST_SIZE = 32
+
+
+def build_digests(first_track: int, digests: Sequence[bytes]) -> bytes:
+    """The dGST payload of tracks whose ids follow on."""
+    return build_varint(first_track) + b"".join(digests)
+
+
+def parse_digests(payload: bytes, offset: int) -> dict[int, tuple[int, bytes]]:
+    """Offset and digest of each track of a dGST payload at ``offset``."""
+    first, start = parse_varint(payload, 0, offset)
+    size = len(payload) - start
+    if not size or size % DIGEST_SIZE:
         raise FormatError(
-            "footer names another end",
-            requirement="FOT-001",
-            offset=offset + FOOT.offsets["stop_offset"],
+            "not a whole number of digests", requirement="DGS-001", offset=offset + start
         )
-    return foot
+    return {
+        first + place: (offset + at, payload[at : at + DIGEST_SIZE])
+        for place, at in enumerate(range(start, len(payload), DIGEST_SIZE))
+    }
 
 
 def check_listing(index: Index, own_offset: int, chunks: Sequence[IndexEntry], offset: int) -> None:

@@ -107,44 +107,21 @@ CHUNK_HEADER = Layout(
     Field("file_id", "u64", "file id, the same in every chunk of the file"),
     Field("sequence", "u32", "sequence number: 0 for the first chunk, one more for each next"),
     Field("payload_size", "u32", "size of the payload in bytes"),
-    Field("track", "u16", "track id that the chunk refers to; 0xFFFF: none"),
-    Field("flags", "u16", "bits 0-7 critical, bits 8-15 ancillary; all 0 in version 1.0"),
     Field("payload_crc", "u32", "file CRC of the payload"),
-    Field("header_crc", "u32", "CRC-32 of the 32 bytes before it"),
+    Field("header_crc", "u32", "CRC-32 of the 28 bytes before it"),
 )
 
 HEAD = Layout(
     Field("major", "u8", "major version, 1"),
-    Field("minor", "u8", "minor version, 0 or 1"),
+    Field("minor", "u8", "minor version, 0"),
     Field("level", "u8", "level, 1 or 2"),
-    Field("reserved", "u8", "0"),
-    Field("incompat", "u32", "incompatible feature bits, none defined in 1.0"),
-    Field("compat", "u32", "compatible feature bits, none defined in 1.0"),
-    Field("uuid", "byte[16]", "UUID of the recording in network order; all 0: none"),
-    Field("epoch_ns", "i64", "UTC of tick 0, nanoseconds since 1970-01-01T00:00:00Z"),
-    Field("epoch_uncertainty_ns", "u64", "its uncertainty; all 1: the epoch is not known"),
 )
 
-TRACK = Layout(
-    Field("tlv_count", "u8", "TLVs that follow"),
-    Field("component_count", "u8", "components"),
-    Field("kind", "u8", "0 full band, 1 LF, 2 HF residual, 3 events"),
-    Field("number_format", "u8", "0 counts, 1 int64, 2 uint64, 3 binary16, 4 binary32, 5 binary64"),
-    Field("codec", "byte[4]", "codec, four ASCII characters"),
-    Field("rate_num", "u32", "numerator of the rate in ticks per second"),
-    Field("rate_den", "u32", "denominator of the rate"),
-    Field("count_min", "i32", "declared range of a decoded count, lowest"),
-    Field("count_max", "i32", "declared range of a decoded count, highest"),
-    Field("first_channel", "u16", "channel number of the first component; the others follow"),
-    Field(
-        "linked", "u16", "HF: id of its base track; else of the track that it continues, or 0xFFFF"
-    ),
+HEAD_EPOCH = Layout(
+    Field("time_ns", "i64", "UTC of tick 0"),
+    Field("uncertainty_ns", "u64", "its uncertainty"),
 )
-
-TLV = Layout(
-    Field("type", "u16", "what the value is; odd: critical, even: ancillary"),
-    Field("size", "u16", "size of the value in bytes"),
-)
+"""TLV 4 of HEAD."""
 
 DEVIATION = Layout(
     Field("declared", "f32", "tolerance that the caller declared, in the unit of the channel"),
@@ -173,11 +150,12 @@ INDEX = Layout(
 )
 
 FOOT = Layout(
-    Field("index_offset", "u64", "offset of the last iNDX chunk"),
-    Field("stop_offset", "u64", "offset of the first byte after this chunk"),
-    Field("data_count", "u32", "number of DATA chunks in the file"),
-    Field("track_count", "u32", "number of tracks described in the file"),
-    Field("duration_ns", "i64", "end of the latest packet, rounded up"),
+    Field(
+        "index_distance",
+        "u32",
+        "offset of this chunk minus that of the last iNDX chunk before it; 0: the file has no iNDX",
+    ),
+    Field("duration_ns", "u64", "end of the latest packet, rounded up"),
 )
 
 QUAN_PARAMETERS = Layout(
@@ -245,9 +223,7 @@ OVERVIEW_PART = Layout(
 TABLES: dict[str, Layout] = {
     "chunk header": CHUNK_HEADER,
     "HEAD": HEAD,
-    "TLV": TLV,
     "deviation": DEVIATION,
-    "track": TRACK,
     "iNDX": INDEX,
     "fOOT": FOOT,
     "QUAN parameters": QUAN_PARAMETERS,

@@ -11,13 +11,14 @@ import struct
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 from ..errors import FormatError, ParameterError, TruncatedError, UnsupportedError
 from ..limits import (
     AFFINE_LIMIT,
     EXACT_LIMIT,
     FRACTION_LIMIT,
+    LAST_CHANNEL,
     LAST_TRACK_ID,
     SINGLE_MAX,
     ZERO_LIMIT,
@@ -25,9 +26,8 @@ from ..limits import (
 )
 from ..numbers import build_svarint, build_varint, parse_svarint, parse_varint
 from .deflate import deflate, inflate
-from .layout import DEVIATION, TRACK
+from .layout import DEVIATION
 from .wire import (
-    NO_TRACK,
     Tlvs,
     build_strings,
     build_tlvs,
@@ -147,14 +147,6 @@ class Track:
         )
 
 
-CODECS_OF_MINOR_1 = ("MDCT", "NOIS")
-
-
-def minor_of(tracks: Iterable[Track]) -> int:
-    """The smallest minor version that has the codecs of all tracks."""
-    return int(any(track.codec in CODECS_OF_MINOR_1 for track in tracks))
-
-
 def complete(tracks: Iterable[Track]) -> bool:
     """Whether these may be the tracks of a closed file (TRK-010, TRK-012)."""
     tracks = list(tracks)
@@ -223,8 +215,9 @@ class TrackTable:
         self.bases: set[int] = set()
         self.continued: set[int] = set()
 
-    def is_new(self, first_id: int, payload: bytes, offset: int) -> bool:
+    def is_new(self, payload: bytes, offset: int) -> bool:
         """False for an exact copy of a TRAK payload that is known already."""
+        first_id = first_of(payload, offset)
         if self.payloads.setdefault(first_id, payload) is payload:
             return True
         if self.payloads[first_id] != payload:
@@ -487,15 +480,37 @@ Record = tuple[Track, bytes]
 """A track and its bytes in TRAK."""
 
 
+class TrackFields(NamedTuple):
+    """A track's fields before its TLVs (SPEC 6.3); ``linked`` 0: no other track."""
+
+    kind: int
+    number_format: int
+    codec: bytes
+    component_count: int
+    rate_num: int
+    rate_den: int
+    count_min: int
+    count_max: int
+    first_channel: int
+    linked: int
+    tlv_count: int
+
+
+RATE_LIMIT = 1 << 32
+CODEC_STOP = 6
+"""Bytes of a track up to its component count."""
+
+
 def build_description(tracks: Sequence[Track]) -> bytes:
     """The TRAK payload of tracks whose ids follow on."""
-    return pack(b"".join(map(build_track, tracks)))
+    return pack(tracks[0].id, b"".join(map(build_track, tracks)))
 
 
-def pack(plain: bytes) -> bytes:
+def pack(first_id: int, plain: bytes) -> bytes:
     """The payload uncompressed, or as a DEFLATE stream if that is shorter."""
     packed = build_varint(len(plain)) + deflate(plain)
-    return packed if len(packed) <= len(plain) else b"\0" + plain
+    least = packed if len(packed) <= len(plain) else b"\0" + plain
+    return build_varint(first_id) + least
 
 
 def chunks_of(records: Iterable[Record]) -> Iterator[tuple[bytes, list[Track]]]:
@@ -507,12 +522,12 @@ def chunks_of(records: Iterable[Record]) -> Iterator[tuple[bytes, list[Track]]]:
         components += len(track.components)
         fits = components <= COMPONENTS and len(plain) + len(record) <= CHUNK_SIZE
         if tracks and not (fits and track.id == tracks[-1].id + 1):
-            yield pack(plain), tracks
+            yield pack(tracks[0].id, plain), tracks
             tracks, plain, components = [], b"", len(track.components)
         tracks.append(track)
         plain += record
     if tracks:
-        yield pack(plain), tracks
+        yield pack(tracks[0].id, plain), tracks
 
 
 def build_track(track: Track) -> bytes:
@@ -539,24 +554,32 @@ def build_track(track: Track) -> bytes:
     if len(track.components) > COMPONENTS:
         raise ParameterError("a track has at most 255 components")
     linked = track.continues if track.base is None else track.base
-    fixed = TRACK.pack(
-        tlv_count=len(values),
-        component_count=len(track.components),
-        kind=KINDS.index(track.kind),
-        number_format=NUMBER_FORMATS.index(track.number_format),
-        codec=track.codec.encode("latin-1"),
-        rate_num=track.rate.numerator,
-        rate_den=track.rate.denominator,
-        count_min=track.count_min,
-        count_max=track.count_max,
-        first_channel=track.first_channel,
-        linked=NO_TRACK if linked is None else linked,
+    return (
+        bytes([KINDS.index(track.kind) | NUMBER_FORMATS.index(track.number_format) << 4])
+        + track.codec.encode("latin-1")
+        + bytes([len(track.components)])
+        + build_varint(track.rate.numerator)
+        + build_varint(track.rate.denominator)
+        + build_svarint(track.count_min)
+        + build_svarint(track.count_max)
+        + build_varint(track.first_channel)
+        + build_varint(0 if linked is None else linked + 1)
+        + bytes([len(values)])
+        + build_tlvs(values)
     )
-    return fixed + build_tlvs(values)
 
 
-def parse_description(payload: bytes, first_id: int, level: Level, offset: int) -> list[Track]:
-    """The tracks of a TRAK payload at ``offset``; its header names ``first_id``."""
+def first_of(payload: bytes, offset: int = 0) -> int:
+    """The id of the first track of a TRAK payload at ``offset``."""
+    first_id, _ = parse_varint(payload, 0, offset)
+    if first_id > LAST_TRACK_ID:
+        raise FormatError("track id above 65533", requirement="TRK-003", offset=offset)
+    return first_id
+
+
+def parse_description(payload: bytes, level: Level, offset: int) -> list[Track]:
+    """The tracks of a TRAK payload at ``offset``."""
+    first_id = first_of(payload, offset)
     plain, base = unpack(payload, level, offset)
     try:
         return list(parse_tracks(plain, first_id, level, base, offset))
@@ -569,7 +592,8 @@ def parse_description(payload: bytes, first_id: int, level: Level, offset: int) 
 
 def unpack(payload: bytes, level: Level, offset: int) -> tuple[bytes, int]:
     """The uncompressed tracks and their offset; that of the payload if it is DEFLATE (TRK-020)."""
-    size, start = parse_varint(payload, 0, offset)
+    _, start = parse_varint(payload, 0, offset)
+    size, start = parse_varint(payload, start, offset)
     if not size:
         return payload[start:], offset + start
     # Uncompressed, it must fit a payload too, after one byte.
@@ -579,7 +603,8 @@ def unpack(payload: bytes, level: Level, offset: int) -> tuple[bytes, int]:
 
 def described_size(payload: bytes) -> int:
     """Bytes that the tracks of a TRAK payload take as they are; the payload was parsed before."""
-    return parse_varint(payload, 0)[0] or len(payload)
+    _, start = parse_varint(payload, 0)
+    return parse_varint(payload, start)[0] or len(payload)
 
 
 def split(payload: bytes, level: Level, offset: int) -> list[bytes]:
@@ -589,23 +614,50 @@ def split(payload: bytes, level: Level, offset: int) -> list[bytes]:
     return [plain[a:b] for a, b in zip(places, [*places[1:], len(plain)], strict=True)]
 
 
-def parse_records(plain: bytes, base: int) -> Iterator[tuple[Any, Tlvs, int]]:
+def parse_records(plain: bytes, base: int) -> Iterator[tuple[TrackFields, Tlvs, int]]:
     """The fields and TLVs of each track, and where it starts."""
     position = components = 0
     while position < len(plain) or not components:
         start, tlvs = position, Tlvs()
-        raw = TRACK.parse(plain, position, "TLV-001" if components else "TRK-002", base)
-        components += raw.component_count
-        if min(raw.component_count, raw.rate_num, raw.rate_den) < 1 or components > COMPONENTS:
+        if not plain:
+            raise FormatError("no track", requirement="TRK-002", offset=base)
+        fields, position = parse_fields(plain, position, base)
+        components += fields.component_count
+        rate = fields.rate_num, fields.rate_den
+        if min(fields.component_count, *rate) < 1 or max(rate) >= RATE_LIMIT:
             raise FormatError(
-                "no component, more than 255 in one chunk, or a rate of 0",
+                "no component, or a rate that is not below 2^32 and above 0",
                 requirement="TRK-002",
                 offset=base + start,
             )
-        position += TRACK.size
-        for _ in range(raw.tlv_count):
+        if components > COMPONENTS:
+            raise FormatError(
+                "more than 255 components in one chunk", requirement="TRK-002", offset=base + start
+            )
+        for _ in range(fields.tlv_count):
             position = parse_tlv(plain, position, base, tlvs)
-        yield raw, tlvs, start
+        yield fields, tlvs, start
+
+
+def parse_fields(plain: bytes, position: int, base: int) -> tuple[TrackFields, int]:
+    """The fields of a track and where they end."""
+    codec_at = position + 1
+    head = plain[position : position + CODEC_STOP]
+    rate_num, position = parse_varint(plain, position + CODEC_STOP, base)
+    rate_den, position = parse_varint(plain, position, base)
+    count_min, position = parse_svarint(plain, position, base)
+    count_max, position = parse_svarint(plain, position, base)
+    first_channel, position = parse_varint(plain, position, base)
+    linked, position = parse_varint(plain, position, base)
+    if position >= len(plain):
+        raise TruncatedError(
+            "the bytes end within a track", requirement="TLV-001", offset=base + position
+        )
+    fields = TrackFields(
+        head[0] & 15, head[0] >> 4, plain[codec_at : codec_at + 4], head[5], rate_num, rate_den,
+        count_min, count_max, first_channel, linked, plain[position],
+    )  # fmt: skip
+    return fields, position + 1
 
 
 def parse_tracks(
@@ -621,7 +673,7 @@ def parse_tracks(
         yield track
 
 
-def parse_track(raw: Any, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
+def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
     """The track at offset ``at``, from its fields and TLVs."""
     kind = KINDS[raw.kind] if raw.kind < len(KINDS) else f"kind {raw.kind}"
     format_ = (
@@ -630,13 +682,9 @@ def parse_track(raw: Any, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
         else f"format {raw.number_format}"
     )
     size = raw.component_count
-    if kind != "events" and raw.first_channel + size > NO_TRACK:
-        raise FormatError(
-            "channel number above 65534",
-            requirement="TRK-010",
-            offset=at + TRACK.offsets["first_channel"],
-        )
-    linked = None if raw.linked == NO_TRACK else raw.linked
+    if kind != "events" and raw.first_channel + size - 1 > LAST_CHANNEL:
+        raise FormatError("channel number above 65534", requirement="TRK-010", offset=at)
+    linked = raw.linked - 1 if raw.linked else None
     continues = kind in ("full", "lf")
     unsupported = find_unsupported(raw, tlvs)
     described = TrackTlvs((Component(),) * size)
@@ -666,7 +714,7 @@ def parse_track(raw: Any, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
     )
 
 
-def find_unsupported(raw: Any, tlvs: Tlvs) -> str | None:
+def find_unsupported(raw: TrackFields, tlvs: Tlvs) -> str | None:
     """The parts of a track that this reader does not know (TRK-011, TLV-003)."""
     if raw.kind >= len(KINDS):
         return f"kind {raw.kind} [TRK-011]"
@@ -686,7 +734,7 @@ def check_range(track: Track, level: Level, offset: int) -> None:
             f"declared range {track.count_min} to {track.count_max} does not fit "
             f"level {level.number}",
             requirement="TRK-005",
-            offset=offset + TRACK.offsets["count_min"],
+            offset=offset,
         )
 
 
@@ -727,7 +775,7 @@ def check_events(track: Track, tlvs: Tlvs, offset: int) -> None:
             f"kind {track.kind} with codec {track.codec}", requirement="TRK-019", offset=offset
         )
     of_counts = track.number_format == "counts" and not (track.count_min or track.count_max)
-    alone = track.first_channel == NO_TRACK and track.base is None
+    alone = not track.first_channel and track.base is None
     if len(track.components) != 1 or not of_counts or not alone:
         raise FormatError(
             "a layer of events with components, numbers, channels or a linked track",

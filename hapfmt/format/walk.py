@@ -8,6 +8,7 @@ from typing import Any
 
 from ..errors import ChecksumError, FormatError, LimitError, TruncatedError
 from .cluster import held_size
+from .layout import FOOT
 from .source import ByteSource
 from .wire import (
     CRC_OFFSET,
@@ -24,7 +25,8 @@ FIRST_BLOCK, BLOCK_SIZE = 1 << 8, 1 << 16
 """Bytes per block when scanning for a header: the size doubles from the first to the second.
 So headers close to one another cost little."""
 
-FOOT_SIZE = HEADER_SIZE + 32
+FOOT_SIZE = HEADER_SIZE + FOOT.size
+"""Bytes of a whole fOOT chunk."""
 MARK_BLOCK, MARK_BLOCK_LIMIT = 1 << 16, 1 << 22
 """Bytes looked at first for the last index; the size doubles from the first to the second."""
 

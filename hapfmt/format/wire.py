@@ -9,10 +9,13 @@ from zlib import crc32
 
 from ..errors import ChecksumError, FormatError, ParameterError, UnsupportedError
 from ..limits import LEVELS
-from .layout import CHUNK_HEADER, HEAD, SIGNATURE, SYNC, TLV
+from ..numbers import build_varint, parse_varint
+from .layout import CHUNK_HEADER, HEAD, HEAD_EPOCH, SIGNATURE, SYNC
 
 T = TypeVar("T")
+LAST_TLV = 0xFFFF
 VALUE_SIZE = 0xFFFF
+"""Bytes of a value that this writer makes."""
 STRING_SIZE, SAME = 0xFE, 0xFF
 """Texts are at most 254 bytes; a length of 255 stands for the text before."""
 
@@ -32,16 +35,16 @@ def parse_tlvs(payload: bytes, position: int, base: int) -> Tlvs:
 def parse_tlv(payload: bytes, position: int, base: int, found: Tlvs) -> int:
     """Adds the next one; returns where it ends."""
     at = base + position
-    start = position + TLV.size
-    if start > len(payload):
-        raise FormatError("bytes left over after the last TLV", requirement="TLV-001", offset=at)
-    head = TLV.read(payload, position)
-    if found and head.type <= next(reversed(found)):
+    if position >= len(payload):
+        raise FormatError("the bytes end before a TLV", requirement="TLV-001", offset=at)
+    type_, start = parse_varint(payload, position, base)
+    size, start = parse_varint(payload, start, base)
+    if type_ > LAST_TLV or (found and type_ <= next(reversed(found))):
         raise FormatError("TLV types not increasing", requirement="TLV-001", offset=at)
-    if head.size > len(payload) - start:
+    if size > len(payload) - start:
         raise FormatError("a TLV runs past the end of its chunk", requirement="TLV-001", offset=at)
-    found[head.type] = (base + start, payload[start : start + head.size])
-    return start + int(head.size)
+    found[type_] = (base + start, payload[start : start + size])
+    return start + size
 
 
 def build_tlvs(values: dict[int, bytes]) -> bytes:
@@ -50,7 +53,7 @@ def build_tlvs(values: dict[int, bytes]) -> bytes:
         value = values[type_]
         if len(value) > VALUE_SIZE:
             raise ParameterError(f"a description of {len(value)} bytes is above the limit of 65535")
-        out += TLV.pack(type=type_, size=len(value)) + value
+        out += build_varint(type_) + build_varint(len(value)) + value
     return bytes(out)
 
 
@@ -98,15 +101,15 @@ def build_strings(items: Sequence[str]) -> bytes:
     return bytes(out)
 
 
-def encode_text(text: str) -> bytes:
+def encode_text(text: str, limit: int = STRING_SIZE) -> bytes:
     """UTF-8, ParameterError where the format cannot hold it (CNV-004)."""
     try:
         raw = text.encode("utf-8")
     except (UnicodeEncodeError, AttributeError):
         raw = b"\0"
-    if len(raw) > STRING_SIZE or 0 in raw:
+    if len(raw) > limit or 0 in raw:
         raise ParameterError(
-            f"texts are at most 254 bytes of UTF-8 without U+0000, unlike {str(text)[:40]!r}"
+            f"texts are at most {limit} bytes of UTF-8 without U+0000, unlike {str(text)[:40]!r}"
         )
     return raw
 
@@ -132,11 +135,11 @@ def share(items: Sequence[T]) -> Sequence[T]:
 HEADER_SIZE = CHUNK_HEADER.size
 CRC_OFFSET = CHUNK_HEADER.offsets["header_crc"]
 FILE_ID_LIMIT = 1 << 64
-NO_TRACK = 0xFFFF
 MAJOR, MINOR = 1, 0
-KNOWN_INCOMPAT = 0
-CRITICAL_FLAGS = 0x00FF
-UNKNOWN_EPOCH = (1 << 64) - 1
+UUID, EPOCH, ENCODER = 2, 4, 6
+"""TLVs of HEAD."""
+HEAD_TLVS = frozenset({UUID, EPOCH, ENCODER})
+UNCERTAINTY_LIMIT = 1 << 63
 KNOWN_TYPES = frozenset(
     {"HEAD", "TRAK", "DATA", "iNDX", "fOOT", "mETa", "aTTc", "dGST", "cLOk", "cMAp"}
 )
@@ -184,8 +187,6 @@ class ChunkHeader:
     file_id: int
     sequence: int
     payload_size: int
-    track: int
-    flags: int
     payload_crc: int
 
     @property
@@ -204,7 +205,7 @@ class ChunkHeader:
 
     @property
     def known(self) -> bool:
-        return self.type in KNOWN_TYPES and not self.flags & CRITICAL_FLAGS
+        return self.type in KNOWN_TYPES
 
     def build(self) -> bytes:
         head = CHUNK_HEADER.pack(
@@ -213,8 +214,6 @@ class ChunkHeader:
             file_id=self.file_id,
             sequence=self.sequence,
             payload_size=self.payload_size,
-            track=self.track,
-            flags=self.flags,
             payload_crc=self.payload_crc,
             header_crc=0,
         )[:CRC_OFFSET]
@@ -222,7 +221,7 @@ class ChunkHeader:
 
 
 def parse_header(data: bytes, offset: int) -> ChunkHeader:
-    """The chunk header in ``data`` (36 bytes or more), at ``offset`` in the file."""
+    """The chunk header in ``data`` (32 bytes or more), at ``offset`` in the file."""
     raw = CHUNK_HEADER.parse(data, 0, "FIL-002", offset)
     if raw.sync != SYNC:
         raise FormatError(
@@ -238,53 +237,47 @@ def parse_header(data: bytes, offset: int) -> ChunkHeader:
         raw.file_id,
         raw.sequence,
         raw.payload_size,
-        raw.track,
-        raw.flags,
         raw.payload_crc,
     )
 
 
-def build_chunk(
-    type_: str,
-    payload: bytes,
-    *,
-    file_id: int,
-    sequence: int,
-    track: int = NO_TRACK,
-    flags: int = 0,
-) -> bytes:
+def build_chunk(type_: str, payload: bytes, *, file_id: int, sequence: int) -> bytes:
     """A whole chunk, header and payload."""
     crc = crc32(payload, seed_of(file_id))
-    header = ChunkHeader(type_, file_id, sequence, len(payload), track, flags, crc)
-    return header.build() + payload
+    return ChunkHeader(type_, file_id, sequence, len(payload), crc).build() + payload
+
+
+def uuid_of(file_id: int) -> bytes:
+    """The UUID of a recording that was given none, of version 8 (SPEC 6.1)."""
+    digits = f"{file_id:016x}"
+    return bytes.fromhex(f"{digits[:12]}8{digits[12:15]}8{digits[15]}00{'0' * 12}")
 
 
 @dataclass(frozen=True)
 class Head:
-    """SPEC 6.1; ``epoch_ns`` is None where the epoch is not known, ``uuid`` where there is none."""
+    """SPEC 6.1; ``epoch_ns`` is None where the epoch is not known, ``uuid`` where it follows from
+    the file id."""
 
     level: int
     uuid: bytes | None = None
     epoch_ns: int | None = None
     epoch_uncertainty_ns: int = 0
+    encoder: str = ""
     major: int = MAJOR
     minor: int = MINOR
-    incompat: int = 0
-    compat: int = 0
 
     def build(self) -> bytes:
-        known = self.epoch_ns is not None
-        return HEAD.build(
-            major=self.major,
-            minor=self.minor,
-            level=self.level,
-            reserved=0,
-            incompat=self.incompat,
-            compat=self.compat,
-            uuid=self.uuid or bytes(16),
-            epoch_ns=self.epoch_ns if known else 0,
-            epoch_uncertainty_ns=self.epoch_uncertainty_ns if known else UNKNOWN_EPOCH,
-        )
+        values = {}
+        if self.uuid is not None:
+            values[UUID] = self.uuid
+        if self.epoch_ns is not None:
+            values[EPOCH] = HEAD_EPOCH.pack(
+                time_ns=self.epoch_ns, uncertainty_ns=self.epoch_uncertainty_ns
+            )
+        if self.encoder:
+            values[ENCODER] = encode_text(self.encoder, VALUE_SIZE)
+        fixed = HEAD.build(major=self.major, minor=self.minor, level=self.level)
+        return fixed + build_tlvs(values)
 
 
 def parse_head(payload: bytes, offset: int) -> Head:
@@ -294,35 +287,37 @@ def parse_head(payload: bytes, offset: int) -> Head:
     raw = HEAD.read(payload[: HEAD.size].ljust(HEAD.size, b"\0"))
     if payload and raw.major != MAJOR:
         raise UnsupportedError(f"major version {raw.major}", requirement="VER-001", offset=offset)
-    if len(payload) >= places["compat"] and raw.incompat & ~KNOWN_INCOMPAT:
-        raise UnsupportedError(
-            f"incompatible feature bits {raw.incompat:#x}",
-            requirement="VER-001",
-            offset=offset + places["incompat"],
-        )
     if len(payload) > places["level"] and raw.level not in LEVELS:
         raise UnsupportedError(
             f"level {raw.level}", requirement="HED-004", offset=offset + places["level"]
         )
-    if len(payload) < HEAD.size:
-        HEAD.parse(payload, 0, "HED-002", offset)
-    unknown = [t for t in parse_tlvs(payload, HEAD.size, offset) if t % 2]
+    HEAD.parse(payload, 0, "HED-002", offset)
+    tlvs = parse_tlvs(payload, HEAD.size, offset)
+    unknown = [type_ for type_ in tlvs if type_ % 2]
     if unknown:
         raise UnsupportedError(
             f"critical TLV {unknown[0]} in HEAD", requirement="TLV-003", offset=offset
         )
-    if raw.reserved:
-        raise FormatError(
-            "reserved byte is not 0", requirement="HED-005", offset=offset + places["reserved"]
-        )
-    known = raw.epoch_uncertainty_ns != UNKNOWN_EPOCH
+    for type_ in (UUID, EPOCH):
+        at, value = tlvs.get(type_, (offset, bytes(HEAD_EPOCH.size)))
+        if len(value) != HEAD_EPOCH.size:
+            raise FormatError(
+                f"TLV {type_} of HEAD without 16 bytes", requirement="HED-002", offset=at
+            )
+    epoch_ns, uncertainty_ns = None, 0
+    if EPOCH in tlvs:
+        epoch_ns, uncertainty_ns = HEAD_EPOCH.read(tlvs[EPOCH][1])
+        if uncertainty_ns >= UNCERTAINTY_LIMIT:
+            raise FormatError(
+                "an uncertainty of 2^63 ns or more", requirement="HED-002", offset=tlvs[EPOCH][0]
+            )
+    encoder_at, encoder = tlvs.get(ENCODER, (offset, b""))
     return Head(
         raw.level,
-        raw.uuid if any(raw.uuid) else None,
-        raw.epoch_ns if known else None,
-        raw.epoch_uncertainty_ns if known else 0,
+        tlvs[UUID][1] if UUID in tlvs else None,
+        epoch_ns,
+        uncertainty_ns,
+        parse_text(encoder, encoder_at),
         raw.major,
         raw.minor,
-        raw.incompat,
-        raw.compat,
     )

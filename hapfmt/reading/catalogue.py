@@ -12,6 +12,7 @@ from fractions import Fraction
 from functools import cached_property
 from itertools import groupby
 from typing import Any, NamedTuple, TypeVar
+from uuid import UUID
 
 from ..clocks import ClockMap, ClockObservation
 from ..errors import HARMLESS, FormatError, TruncatedError, UnsupportedError, verdict_of
@@ -32,7 +33,7 @@ from ..format.extras import (
 from ..format.source import ByteSource
 from ..format.track import Contract, Track, TrackTable, described_size, parse_description
 from ..format.walk import Chunk, Finding, read_chunk
-from ..format.wire import HEADER_SIZE, NO_TRACK, ChunkHeader, Head, parse_head
+from ..format.wire import HEADER_SIZE, ChunkHeader, Head, parse_head, uuid_of
 from ..limits import LEVELS, Level, Limits
 from ..units import unit_text
 
@@ -70,8 +71,6 @@ class ChunkRef(NamedTuple):
     stop_ns: int | None = None
     sequence: int | None = None
     size: int | None = None
-    known: bool = True
-    """False where its type, or a critical flag, is not known."""
     limit: int | None = None
     """Offset of the next listed chunk, if this one is known from an index only."""
 
@@ -80,7 +79,6 @@ class ChunkRef(NamedTuple):
         if (
             header is None
             or header.type != self.type
-            or not header.known
             or self.offset + HEADER_SIZE + header.payload_size > (self.limit or self.offset)
         ):
             raise FalseIndexError(
@@ -224,6 +222,19 @@ class Catalogue:
         return self.unsupported is not None or any(track.unsupported for track in tracks)
 
     @property
+    def uuid(self) -> UUID | None:
+        """Of the recording (SPEC 6.1); None where HEAD is lost."""
+        if self.head is None or self.file_id is None:
+            return None
+        return UUID(bytes=self.head.uuid or uuid_of(self.file_id))
+
+    @property
+    def described(self) -> dict[str, Any]:
+        """The metadata, with the encoder of HEAD as a member."""
+        encoder = {"encoder": self.head.encoder} if self.head and self.head.encoder else {}
+        return encoder | self.metadata
+
+    @property
     def level(self) -> Level:
         return LEVELS[self.head.level] if self.head else LEVELS[2]
 
@@ -238,7 +249,7 @@ class Catalogue:
     @property
     def data(self) -> list[ChunkRef]:
         """DATA chunks in order of their sequence numbers, which is order of time."""
-        found = [chunk for chunk in self.chunks if chunk.type == "DATA" and chunk.known]
+        found = [chunk for chunk in self.chunks if chunk.type == "DATA"]
         if not self.indexed:
             found.sort(key=lambda chunk: -1 if chunk.sequence is None else chunk.sequence)
         return found
@@ -329,7 +340,7 @@ class Catalogue:
                 self.lose(
                     "bad-payload", ref.offset, len(chunk.payload) + HEADER_SIZE, message, "CHK-003"
                 )
-            if chunk is not None and chunk.intact and chunk.header.known:
+            if chunk is not None and chunk.intact:
                 yield chunk
 
     @cached_property
@@ -351,7 +362,7 @@ class Catalogue:
         return list(maps.values())
 
     def clocks_of_channels(
-        self, type_: str, parse: Callable[[bytes, int | None, int], T]
+        self, type_: str, parse: Callable[[bytes, int], T]
     ) -> Iterator[tuple[int | None, T]]:
         """Clock chunks and the first channel of their tracks; an HF track alone has none."""
         known = {ref.number for ref in self.channels}
@@ -360,32 +371,29 @@ class Catalogue:
             if channel is None or channel in known:
                 yield channel, found
 
-    def parsed_clocks(
-        self, type_: str, parse: Callable[[bytes, int | None, int], T]
-    ) -> Iterator[T]:
+    def parsed_clocks(self, type_: str, parse: Callable[[bytes, int], T]) -> Iterator[T]:
         """Parsed payloads of intact chunks; in a damaged file, a broken rule counts as damage."""
         for chunk in self.intact_chunks(type_):
             self.metadata_size += len(chunk.payload)
             self.limits.check("metadata", self.metadata_size, chunk.payload_offset)
             try:
-                track = self.observed_track(chunk)
-                yield parse(chunk.payload, track, chunk.payload_offset)
+                found = parse(chunk.payload, chunk.payload_offset)
+                self.check_observed(found.track, chunk)
+                yield found
             except FormatError as error:
                 if not self.damaged:
                     raise
                 size, rule = chunk.stop - chunk.offset, error.requirement or "CLK-001"
                 self.lose("bad-chunk", chunk.offset, size, f"{type_} chunk: {error.message}", rule)
 
-    def observed_track(self, chunk: Chunk) -> int | None:
-        """The track whose ticks a clock chunk refers to (CLK-005)."""
-        id_ = chunk.header.track
-        track = self.tracks.get(id_)
+    def check_observed(self, id_: int | None, chunk: Chunk) -> None:
+        """CLK-005, of the track whose ticks a clock chunk refers to."""
+        track = None if id_ is None else self.tracks.get(id_)
         known = track and track.kind != "events" and (self.damaged or track.offset < chunk.offset)
-        if id_ != NO_TRACK and not known:
+        if id_ is not None and not known:
             raise FormatError(
                 f"a clock on the ticks of track {id_}", requirement="CLK-005", offset=chunk.offset
             )
-        return None if id_ == NO_TRACK else id_
 
     def lose(self, code: str, offset: int, size: int, message: str, requirement: str) -> None:
         """Note a damage, once."""
@@ -428,8 +436,8 @@ class Catalogue:
             return None
         self.level.check("payload_size", header.payload_size, "LIM-001", chunk.offset)
         if header.type == "TRAK":
-            if self.table.is_new(header.track, chunk.payload, offset):
-                tracks = parse_description(chunk.payload, header.track, self.level, offset)
+            if self.table.is_new(chunk.payload, offset):
+                tracks = parse_description(chunk.payload, self.level, offset)
                 weight = sum(len(track.components) for track in tracks)
                 # Few bytes of DEFLATE can describe a component with many.
                 weight = max(weight, described_size(chunk.payload) // COMPONENT_SIZE)
@@ -441,7 +449,7 @@ class Catalogue:
             self.limits.check("metadata", self.metadata_size, offset)
             self.metadata.update(parse_metadata(chunk.payload, offset))
         elif header.type == "fOOT":
-            self.foot = parse_foot(chunk.payload, offset, moved=self.damaged)
+            self.foot = parse_foot(chunk.payload, offset)
         elif header.type == "DATA":
             start_ns, stop_ns = self.time_range(chunk)
             return ChunkRef(

@@ -41,7 +41,7 @@ class Timeline:
         self.listed: dict[int, IndexEntry] = {}
         for ref in catalogue.chunks:
             chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "iNDX" else None
-            if chunk is None or not chunk.intact or not chunk.header.known:
+            if chunk is None or not chunk.intact:
                 continue
             try:
                 index = parse_index(chunk.payload, ANYWHERE, chunk.payload_offset)

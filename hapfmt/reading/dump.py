@@ -17,6 +17,7 @@ from ..format.cluster import Packet, parse_cluster, parse_table_head, salvage_cl
 from ..format.extras import (
     parse_attachment,
     parse_clock,
+    parse_digests,
     parse_foot,
     parse_index,
     parse_map,
@@ -25,7 +26,7 @@ from ..format.extras import (
 from ..format.source import ByteSource
 from ..format.track import Component, Track, parse_description
 from ..format.walk import Chunk, Finding, walk
-from ..format.wire import HEADER_SIZE, SIGNATURE, parse_head
+from ..format.wire import HEADER_SIZE, SIGNATURE, parse_head, uuid_of
 from ..limits import Limits
 from ..numbers import parse_varint
 from .catalogue import Catalogue
@@ -70,10 +71,10 @@ def content(catalogue: Catalogue, chunk: Chunk, counts: bool) -> dict[str, Any]:
         return {"sha256": hashlib.sha256(payload).hexdigest()}
     if kind == "HEAD":
         head = parse_head(payload, at)
-        uuid = str(UUID(bytes=head.uuid)) if head.uuid else None
-        return {"head": {**vars(head), "uuid": uuid}}
+        uuid = UUID(bytes=head.uuid or uuid_of(chunk.header.file_id))
+        return {"head": {**vars(head), "uuid": str(uuid)}}
     if kind == "TRAK":
-        tracks = parse_description(payload, chunk.header.track, catalogue.level, at)
+        tracks = parse_description(payload, catalogue.level, at)
         return {"tracks": [track_json(track) for track in tracks]}
     if kind == "iNDX":
         index = parse_index(payload, chunk.offset, at)
@@ -98,16 +99,19 @@ def content(catalogue: Catalogue, chunk: Chunk, counts: bool) -> dict[str, Any]:
         catalogue.limits.check("metadata", len(payload), at)
         return clock_json(chunk)
     if kind == "dGST":
-        return {"digests": [payload[i : i + 32].hex() for i in range(0, len(payload), 32)]}
+        digests = parse_digests(payload, at)
+        return {"track": min(digests), "digests": [each.hex() for _, each in digests.values()]}
     return {"sha256": hashlib.sha256(payload).hexdigest()}
 
 
 def clock_json(chunk: Chunk) -> dict[str, Any]:
     if chunk.header.type == "cMAp":
-        found = parse_map(chunk.payload, chunk.header.track, chunk.payload_offset)
-        return {"clock": found.clock, "points": [list(point) for point in found.points]}
-    seen = parse_clock(chunk.payload, chunk.header.track, chunk.payload_offset)
-    return {"clock": seen.clock, "observations": [list(row) for row in seen.rows]}
+        found = parse_map(chunk.payload, chunk.payload_offset)
+        points = [list(point) for point in found.points]
+        return {"clock": found.clock, "track": found.track, "points": points}
+    seen = parse_clock(chunk.payload, chunk.payload_offset)
+    rows = [list(row) for row in seen.rows]
+    return {"clock": seen.clock, "track": seen.track, "observations": rows}
 
 
 def packets_json(catalogue: Catalogue, chunk: Chunk, counts: bool) -> list[dict[str, Any]]:

@@ -15,6 +15,7 @@ from ..errors import HARMLESS, FormatError, HapfmtError, UnsupportedError
 from ..format.extras import (
     FIRST_OFFSET,
     INDEX_EVERY,
+    Foot,
     Index,
     IndexEntry,
     check_listing,
@@ -69,9 +70,9 @@ def chain_of(catalogue: Catalogue, entries: Sequence[IndexEntry]) -> list[tuple[
     ``entries``."""
     source, file_id = catalogue.source, catalogue.file_id
     if catalogue.indexed and catalogue.foot:
-        return index_chain(source, catalogue.foot.index_offset, file_id)
+        return index_chain(source, index_before(source, catalogue.foot), file_id)
     parts: list[tuple[int, Index]] = []
-    offsets = [ref.offset for ref in catalogue.chunks if ref.type == "iNDX" and ref.known]
+    offsets = [ref.offset for ref in catalogue.chunks if ref.type == "iNDX"]
     with suppress(FormatError):
         for offset, index in index_chain(source, offsets[-1], file_id) if offsets else ():
             check_listing(index, offset, entries, offset)
@@ -80,12 +81,17 @@ def chain_of(catalogue: Catalogue, entries: Sequence[IndexEntry]) -> list[tuple[
     return []
 
 
-def copied_tracks(source: ByteSource, entries: Sequence[IndexEntry]) -> set[int]:
-    """The track ids that HEAD and TRAK chunks carry twice."""
+def index_before(source: ByteSource, foot: Foot) -> int:
+    """Offset of the last index before the footer that ends the file."""
+    return source.size - FOOT_SIZE - foot.index_distance
+
+
+def copied_payloads(source: ByteSource, entries: Sequence[IndexEntry]) -> set[int]:
+    """The file CRCs of the payloads that HEAD and TRAK chunks carry twice."""
     places = [entry.offset for entry in entries if entry.type in ("HEAD", "TRAK")]
     headers = [header_at(source, offset, None) for offset in places]
-    counts = Counter(header.track for header in headers if header is not None)
-    return {track for track, count in counts.items() if count > 1}
+    counts = Counter(header.payload_crc for header in headers if header is not None)
+    return {crc for crc, count in counts.items() if count > 1}
 
 
 MS = 10**6
@@ -157,7 +163,11 @@ def from_foot(source: ByteSource, chunk: Chunk, limits: Limits) -> Catalogue | N
     file_id = chunk.header.file_id
     catalogue = Catalogue(source, limits, file_id, indexed=True)
     catalogue.foot = parse_foot(chunk.payload, chunk.payload_offset)
-    offset = catalogue.foot.index_offset
+    offset = index_before(source, catalogue.foot)
+    index = header_at(source, offset, file_id) if offset < chunk.offset else None
+    if index is None or offset + HEADER_SIZE + index.payload_size != chunk.offset:
+        # A file without an index right before its footer is read in order (SPEC 6.5).
+        return None
     if not learn_listed(catalogue, offset, file_id):
         return None
     catalogue.chunks.append(ChunkRef("fOOT", chunk.offset))
@@ -245,7 +255,7 @@ def last_index(source: ByteSource, file_id: int) -> Chunk | None:
             continue
         if chunk.header.file_id != file_id:
             return None
-        if chunk.header.type == "iNDX" and chunk.header.known:
+        if chunk.header.type == "iNDX":
             return chunk
     return None
 
@@ -335,7 +345,7 @@ def walked(
 
 def is_end(chunk: Chunk) -> bool:
     """Whether this chunk closes a file, if it is the last one (SPEC clause 5)."""
-    return chunk.intact and chunk.header.known and chunk.header.type == "fOOT"
+    return chunk.intact and chunk.header.type == "fOOT"
 
 
 def unknown_part(catalogue: Catalogue) -> UnsupportedError | None:
@@ -353,7 +363,6 @@ def ref_of(chunk: Chunk) -> ChunkRef:
         chunk.offset,
         sequence=header.sequence,
         size=header.payload_size,
-        known=header.known,
     )
 
 

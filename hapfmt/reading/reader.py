@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from fractions import Fraction
 from typing import Any, BinaryIO
-from uuid import UUID
 
 from ..clocks import ClockMap, ClockObservation, on_channels
 from ..errors import (
@@ -24,10 +23,10 @@ from ..errors import (
 )
 from ..files import Closing
 from ..format.cluster import Packet
-from ..format.extras import Attachment
+from ..format.extras import Attachment, parse_digests
 from ..format.source import ByteSource, open_source
 from ..format.track import Track, lone_lf
-from ..format.walk import Chunk, Finding, read_chunk
+from ..format.walk import Finding, read_chunk
 from ..limits import Limits
 from ..numbers import counted
 from ..numbers import exact as exact_number
@@ -83,39 +82,34 @@ def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
     harmed = any(finding.code not in HARMLESS for finding in catalogue.findings)
     for ref in catalogue.chunks:
         chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "dGST" else None
-        if chunk is None or not chunk.intact or not chunk.header.known:
+        if chunk is None or not chunk.intact:
             continue
         try:
-            ids = digested_tracks(catalogue, chunk, harmed=harmed)
+            listed = parse_digests(chunk.payload, chunk.payload_offset)
+            check_digested(catalogue, listed.keys(), chunk.payload_offset, harmed=harmed)
         except FormatError as error:
             if not catalogue.damaged:
                 raise
             lose_chunk(catalogue, chunk, error)
             continue
-        for id_ in ids:
-            place = 32 * (id_ - chunk.header.track)
-            if id_ in catalogue.tracks:
-                digest = chunk.payload[place : place + 32]
-                found[id_] = chunk.payload_offset + place, digest
+        found |= {id_: listed[id_] for id_ in listed if id_ in catalogue.tracks}
     return found
 
 
-def digested_tracks(catalogue: Catalogue, chunk: Chunk, *, harmed: bool) -> range:
-    """The tracks that a dGST chunk has checksums of; in a damaged file some may not be known."""
-    tracks, at, size = catalogue.tracks, chunk.payload_offset, len(chunk.payload)
-    ids = range(chunk.header.track, chunk.header.track + size // 32)
+def check_digested(catalogue: Catalogue, ids: Collection[int], at: int, *, harmed: bool) -> None:
+    """The tracks of a dGST payload at ``at``; in a damaged file some may not be known."""
+    tracks = catalogue.tracks
     unknown = [
         i for i in ids if i not in tracks or (tracks[i].offset > at and not catalogue.damaged)
     ]
-    if not size or size % 32 or (unknown and not harmed):
+    if unknown and not harmed:
         raise FormatError(
-            "The chunk does not hold a whole number of checksums of known tracks",
+            f"a digest of track {unknown[0]}, which is not described",
             requirement="DGS-001",
             offset=at,
         )
     if any(i in tracks and tracks[i].kind == "events" for i in ids):
         raise FormatError("Tracks of events have no checksum", requirement="DGS-001", offset=at)
-    return ids
 
 
 IN_FLIGHT = 1 << 19
@@ -211,7 +205,7 @@ class Reader(Closing):
 
     @property
     def metadata(self) -> dict[str, Any]:
-        return self.catalogue.metadata
+        return self.catalogue.described
 
     @property
     def findings(self) -> list[Finding]:
@@ -352,10 +346,10 @@ class Reader(Closing):
         rates = [ref.track.rate for ref in chosen]
         return Recording(
             tuple(assembly.channel(ref) for ref in chosen),
-            uuid=UUID(bytes=head.uuid) if head and head.uuid else None,
+            uuid=self.catalogue.uuid,
             epoch_ns=head.epoch_ns if head else None,
             epoch_uncertainty_ns=head.epoch_uncertainty_ns if head else 0,
-            metadata=self.catalogue.metadata,
+            metadata=self.catalogue.described,
             attachments={
                 name: (found.media_type, found.content)
                 for name, found in self.attachments.items()

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 from ..errors import ParameterError
 from ..format.cluster import HEAD_ROOM, ROW_ROOM, Packet, build_cluster
 from ..format.extras import (
+    BARE_COUNT,
+    BARE_SIZE,
     FIRST_OFFSET,
     INDEX_EVERY,
     INDEX_SIZE,
@@ -23,6 +25,7 @@ from ..format.extras import (
     IndexEntry,
     build_attachment,
     build_clocks,
+    build_digests,
     build_foot,
     build_index,
     build_map,
@@ -32,9 +35,19 @@ from ..format.extras import (
     floor_ms,
 )
 from ..format.track import Record, Track, build_track, chunks_of, complete, silent_tracks
-from ..format.wire import HEADER_SIZE, NO_TRACK, SIGNATURE, Head, build_chunk, cluster_seed
+from ..format.walk import FOOT_SIZE
+from ..format.wire import (
+    HEADER_SIZE,
+    SIGNATURE,
+    Head,
+    build_chunk,
+    cluster_seed,
+    crc32,
+    seed_of,
+    uuid_of,
+)
 from ..limits import LEVELS, Level
-from ..reading.opening import chain_of, copied_tracks
+from ..reading.opening import chain_of, copied_payloads
 
 if TYPE_CHECKING:
     from ..reading.catalogue import Catalogue
@@ -87,17 +100,13 @@ class FileWriter:
         recording_uuid: uuid.UUID | None = None,
         epoch_ns: int | None = None,
         epoch_uncertainty_ns: int = 0,
-        minor: int = 0,
+        encoder: str = "",
         clock: Callable[[], float] | None = None,
     ) -> None:
-        head = Head(
-            level.number,
-            recording_uuid.bytes if recording_uuid else None,
-            epoch_ns,
-            epoch_uncertainty_ns,
-            minor=minor,
-        )
         file_id = secrets.randbits(64) if file_id is None else file_id
+        own = None if recording_uuid is None else recording_uuid.bytes
+        own = None if own == uuid_of(file_id) else own
+        head = Head(level.number, own, epoch_ns, epoch_uncertainty_ns, encoder)
         self.begin(stream, head, head.build(), file_id, clock)
         stream.write(SIGNATURE)
         self.offset += len(SIGNATURE)
@@ -116,9 +125,9 @@ class FileWriter:
         self.level, self.file_id = LEVELS[head.level], file_id
         self.offset = self.sequence = 0
         self.tracks: dict[int, Track] = {}
-        self.descriptions: list[tuple[int, bytes]] = []
+        self.descriptions: list[bytes] = []
         self.copied: set[int] = set()
-        """First track ids of the TRAK chunks that the file holds twice, NO_TRACK for HEAD."""
+        """File CRCs of the payloads of HEAD and TRAK chunks that the file holds twice."""
         self.entries: list[IndexEntry] = []
         """Entries of all chunks: their places are the sequence numbers."""
         self.resumed_entries = 0
@@ -128,7 +137,6 @@ class FileWriter:
         self.indexed_to = FIRST_OFFSET
         self.seconds = clock
         self.indexed_at = clock() if clock else 0.0
-        self.data_count = 0
         self.stop = Fraction(0)
         self.closed = self.ending = False
         self.failed: OSError | None = None
@@ -149,7 +157,7 @@ class FileWriter:
         self.begin(stream, catalogue.head, catalogue.head_payload, catalogue.file_id, clock)
         self.offset = catalogue.source.size
         self.tracks = dict(catalogue.tracks)
-        self.descriptions = list(catalogue.table.payloads.items())
+        self.descriptions = list(catalogue.table.payloads.values())
         self.entries = [
             IndexEntry(
                 ref.type,
@@ -161,7 +169,7 @@ class FileWriter:
         ]
         self.resumed_entries = len(self.entries)
         offsets = [entry.offset for entry in self.entries]
-        self.copied = copied_tracks(catalogue.source, self.entries)
+        self.copied = copied_payloads(catalogue.source, self.entries)
         for offset, index in chain_of(catalogue, self.entries):
             place = bisect_left(offsets, offset)
             size = len(build_index(index))
@@ -170,24 +178,11 @@ class FileWriter:
         if catalogue.closed:
             self.indexed_entries = len(self.entries)
         self.sequence = len(self.entries)
-        self.data_count = len(catalogue.data)
         self.stop = catalogue.duration
         self.closed = catalogue.closed
         return self
 
-    @property
-    def last_index(self) -> int:
-        """Offset of the last iNDX chunk, 0: none."""
-        return self.parts[-1].offset if self.parts else 0
-
-    def chunk(
-        self,
-        type_: str,
-        payload: bytes,
-        track: int = NO_TRACK,
-        times: tuple[int, int] = (0, 0),
-        flags: int = 0,
-    ) -> None:
+    def chunk(self, type_: str, payload: bytes) -> None:
         """One whole chunk in one write (SPEC WRT-001)."""
         if self.failed:
             raise self.failed
@@ -198,18 +193,14 @@ class FileWriter:
             )
         if type_ != "iNDX" and self.index_due(HEADER_SIZE + len(payload)):
             self.index()
-        self.put_chunk(type_, payload, track, times, flags)
+        self.put_chunk(type_, payload)
 
-    def put_chunk(
-        self, type_: str, payload: bytes, track: int, times: tuple[int, int], flags: int
-    ) -> None:
+    def put_chunk(self, type_: str, payload: bytes, times: tuple[int, int] = (0, 0)) -> None:
         """Under the next sequence number."""
         if self.sequence >= SEQUENCE_LIMIT:
             raise ParameterError("a file holds at most 2^32 chunks")
         entry = IndexEntry(type_, self.offset, *times)
-        chunk = build_chunk(
-            type_, payload, file_id=self.file_id, sequence=self.sequence, track=track, flags=flags
-        )
+        chunk = build_chunk(type_, payload, file_id=self.file_id, sequence=self.sequence)
         try:
             self.stream.write(chunk)
         except OSError as error:
@@ -227,8 +218,8 @@ class FileWriter:
     def describe_as(self, records: Iterable[Record]) -> None:
         """The same with these very bytes for each track."""
         for payload, tracks in chunks_of(records):
-            self.chunk("TRAK", payload, tracks[0].id)
-            self.descriptions.append((tracks[0].id, payload))
+            self.chunk("TRAK", payload)
+            self.descriptions.append(payload)
             self.tracks.update((track.id, track) for track in tracks)
 
     def metadata(self, metadata: dict[str, object]) -> None:
@@ -239,12 +230,12 @@ class FileWriter:
 
     def clock(self, clock: str, track: int | None, rows: Iterable[ClockRow]) -> None:
         """cLOk chunks for observations, in order, as few as hold them."""
-        for payload in build_clocks(clock, rows):
-            self.chunk("cLOk", payload, NO_TRACK if track is None else track)
+        for payload in build_clocks(clock, track, rows):
+            self.chunk("cLOk", payload)
 
     def clock_map(self, clock: str, track: int | None, points: Sequence[tuple[int, int]]) -> None:
         """A cMAp chunk."""
-        self.chunk("cMAp", build_map(clock, points), NO_TRACK if track is None else track)
+        self.chunk("cMAp", build_map(clock, track, points))
 
     def cluster(self, packets: Iterable[Packet]) -> None:
         """DATA chunks for the packets of one stretch of time; several where one grows too large."""
@@ -292,8 +283,7 @@ class FileWriter:
             self.index()
         payload = build_cluster(packets, cluster_seed(self.file_id, self.sequence))
         times = floor_ms(start), ceil_ms(stop)
-        self.put_chunk("DATA", payload, NO_TRACK, times, 0)
-        self.data_count += 1
+        self.put_chunk("DATA", payload, times)
         self.stop = max(self.stop, stop)
 
     def index_due(self, size: int) -> bool:
@@ -340,11 +330,11 @@ class FileWriter:
         run: list[int] = []
         for track in sorted(digests):
             if run and track != run[-1] + 1:
-                self.chunk("dGST", b"".join(digests[t] for t in run), run[0])
+                self.chunk("dGST", build_digests(run[0], [digests[id_] for id_ in run]))
                 run = []
             run.append(track)
         if run:
-            self.chunk("dGST", b"".join(digests[t] for t in run), run[0])
+            self.chunk("dGST", build_digests(run[0], [digests[id_] for id_ in run]))
 
     def close(self) -> None:
         """Copies of the description, index, footer; the stream stays open.
@@ -357,29 +347,31 @@ class FileWriter:
             return
         try:
             self.describe(silent_tracks(list(self.tracks.values())))
-            copies = [("HEAD", NO_TRACK, self.head_payload)]
-            copies += [("TRAK", track, payload) for track, payload in self.descriptions]
-            copies = [copy for copy in copies if copy[1] not in self.copied]
-            size = sum(len(payload) + HEADER_SIZE for *_, payload in copies)
+            seed = seed_of(self.file_id)
+            described = [("HEAD", self.head_payload)]
+            described += [("TRAK", payload) for payload in self.descriptions]
+            copies = {crc32(payload, seed): (type_, payload) for type_, payload in described}
+            copies = {crc: copies[crc] for crc in copies if crc not in self.copied}
+            size = sum(len(payload) + HEADER_SIZE for _, payload in copies.values())
             # HEAD and TRAK again (SPEC 6.1), each once in the life of a file.
-            for type_, track, payload in copies if COPY_SHARE * size <= self.offset else ():
-                self.chunk(type_, payload, track)
-                self.copied.add(track)
-            self.index(closing=True)
+            for crc in copies if COPY_SHARE * size <= self.offset else ():
+                self.chunk(*copies[crc])
+                self.copied.add(crc)
+            if not self.is_bare():
+                self.index(closing=True)
             self.foot()
         except OSError:
             if not self.closed:
                 raise
 
     def foot(self) -> None:
-        foot = Foot(
-            self.last_index,
-            self.offset + HEADER_SIZE + 32,
-            self.data_count,
-            len(self.tracks),
-            ceil_ns(self.stop),
-        )
-        self.chunk("fOOT", build_foot(foot))
+        distance = self.offset - self.parts[-1].offset if self.parts else 0
+        self.chunk("fOOT", build_foot(Foot(distance, ceil_ns(self.stop))))
+
+    def is_bare(self) -> bool:
+        """Whether the file may be closed without any index (SPEC IDX-005)."""
+        small = self.offset + FOOT_SIZE <= BARE_SIZE and self.sequence < BARE_COUNT
+        return small and not any(entry.type == "iNDX" for entry in self.entries)
 
     def end_early(self, error: OSError) -> None:
         """After a failed write: index and footer, where there is room; then nothing more."""
@@ -388,12 +380,13 @@ class FileWriter:
         self.ending = True
         whole = not self.closed and getattr(self.stream, "whole_writes", False)
         if whole and self.entries and complete(self.tracks.values()):
+            bare = self.is_bare()
             # An index of everything may find no room where one of the rest does.
-            for closing in (True, False):
+            for closing in () if bare else (True, False):
                 with suppress(OSError):
                     self.index(closing=closing)
                     break
-            if self.indexed_entries == len(self.entries):
+            if bare or self.indexed_entries == len(self.entries):
                 with suppress(OSError):
                     self.foot()
         self.failed = error

@@ -7,7 +7,6 @@ between channels need the whole recording, so :func:`why_whole` names what canno
 from __future__ import annotations
 
 import os
-import uuid
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -52,7 +51,7 @@ from ..threads import thread_count
 from .clusters import Clusters, SamplePiece, SampleRows, pieces_of
 from .filewriter import FileWriter
 from .overview import attach_overview, readable
-from .writer import Summary, clock_chunks, doubts_of, extras_of, layers_of
+from .writer import Summary, clock_chunks, doubts_of, encoder_of, extras_of, layers_of
 
 STREAMED = 512 << 20
 """Bytes of values above which a file is encoded while it is read. Below, :func:`write` encodes it
@@ -486,17 +485,18 @@ class Importer:
                 column.may_be_bounded = True
                 levels.append(plan.level)
         lossy = any(column.bounded or column.may_be_bounded for column in self.columns)
-        extras = extras_of(self.described, self.settings if lossy else lossless(self.settings))
+        settings = self.settings if lossy else lossless(self.settings)
+        extras = extras_of(self.described)
         level = max(levels, key=lambda one: one.number)
-        if max(len(payload) for _, payload in extras) > level.payload_size:
+        if max((len(payload) for _, payload in extras), default=0) > level.payload_size:
             level = LEVELS[2]
         self.writer = FileWriter(
             self.stream,
             level=level,
             file_id=self.canonical,
-            recording_uuid=uuid.uuid4() if self.canonical is None else None,
             epoch_ns=self.found.epoch_ns,
             epoch_uncertainty_ns=self.found.epoch_uncertainty_ns,
+            encoder=encoder_of(self.described, settings),
         )
         self.writer.describe(layers)
         for type_, payload in extras:
@@ -549,8 +549,8 @@ class Importer:
             self.put(rest)
         silent = {c.number: c.plain for c in self.columns if not c.sample_count}
         self.writer.describe(self.encoder.silent(silent))
-        for type_, payload, id_ in clock_chunks(self.described, list(self.writer.tracks.values())):
-            self.writer.chunk(type_, payload, id_)
+        for chunk in clock_chunks(self.described, list(self.writer.tracks.values())):
+            self.writer.chunk(*chunk)
         overview_size = 0
         if self.overview:
             overview_size = attach_overview(self.stream, self.writer, self.threads)

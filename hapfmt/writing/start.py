@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import time
-import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -18,7 +17,7 @@ from typing import Any, BinaryIO, Literal
 
 from ..clocks import ClockObservation
 from ..encoder.live import Input, LiveEncoder, by_label, check_inputs
-from ..encoder.settings import Settings
+from ..encoder.settings import Settings, made_with
 from ..errors import HARMLESS, HapfmtError, ParameterError
 from ..format.cluster import MissingPackets, Packet, parse_rows, parse_table_head, salvage_cluster
 from ..format.extras import build_metadata
@@ -190,7 +189,7 @@ def salvage(catalogue: Catalogue, end: int) -> tuple[list[Packet], list[LostSpan
     None where some of these are not known."""
     ref = next((ref for ref in catalogue.chunks if ref.offset >= end), None)
     chunk = read_chunk(catalogue.source, end) if ref and ref.type == "DATA" else None
-    if chunk is None or not chunk.header.known:
+    if chunk is None:
         return [], []
     sizes = (chunk.header.payload_size, len(chunk.payload))
     tracks, level, at = catalogue.tracks, catalogue.level, chunk.payload_offset
@@ -226,9 +225,9 @@ def described(catalogue: Catalogue, refs: Sequence[ChunkRef]) -> TrackTable:
         chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "TRAK" else None
         if chunk is None:
             continue
-        first, at = chunk.header.track, chunk.payload_offset
-        if table.is_new(first, chunk.payload, at):
-            table.add(parse_description(chunk.payload, first, catalogue.level, at))
+        at = chunk.payload_offset
+        if table.is_new(chunk.payload, at):
+            table.add(parse_description(chunk.payload, catalogue.level, at))
     return table
 
 
@@ -412,8 +411,6 @@ class Start:
         check_inputs(inputs, self.settings)
         epoch_ns = time.time_ns() if options.epoch_ns == "now" else options.epoch_ns
         known = Recording(epoch_ns=epoch_ns, epoch_uncertainty_ns=options.epoch_uncertainty_ns)
-        made_by = f"hapfmt {__version__}: {self.settings.describe()}"
-        self.metadata["encoder"] = made_by
         build_metadata(self.metadata)
         clock: Callable[[], float] = time.monotonic
         if options.canonical is not None:
@@ -434,12 +431,13 @@ class Start:
                 self.output.target,
                 level=level,
                 file_id=options.canonical,
-                recording_uuid=uuid.uuid4() if options.canonical is None else None,
                 epoch_ns=known.epoch_ns,
                 epoch_uncertainty_ns=known.epoch_uncertainty_ns,
+                encoder=made_with(self.settings),
                 clock=clock,
             )
-            self.output.writer.metadata(self.metadata)
+            if self.metadata:
+                self.output.writer.metadata(self.metadata)
             self.written = dict(self.metadata)
         except BaseException:
             self.output.target.close()

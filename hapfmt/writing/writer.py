@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-import uuid
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -25,6 +24,7 @@ from ..encoder.settings import (
     Settings,
     alias_note,
     lossy_preset,
+    made_with,
     renamed,
 )
 from ..errors import DataWarning, ParameterError, unknown
@@ -37,8 +37,8 @@ from ..format.extras import (
     build_map,
     build_metadata,
 )
-from ..format.track import Track, build_track, minor_of
-from ..format.wire import NO_TRACK, check_file_id
+from ..format.track import Track, build_track
+from ..format.wire import check_file_id
 from ..limits import LEVELS
 from ..numbers import counted
 from ..reading.decoder import TrackDecoder, TrackDigest
@@ -54,7 +54,6 @@ from ..recording import (
     recording_of,
 )
 from ..units import unit_text, unknown_unit
-from ..version import __version__
 from .filewriter import FileWriter
 from .overview import attach_overview, readable
 
@@ -165,7 +164,7 @@ def write(
     canonical
         file id of canonical mode: the same input gives the same bytes. Give each file an id of its
         own, which keeps parts of other files out; "content" computes one from the content.
-        None: the id, and a missing UUID, are random.
+        None: the id is random.
     force
         replace an existing file.
     overview
@@ -228,27 +227,26 @@ def put(
     threads: int | None = None,
 ) -> Summary:
     """Write an encoded recording into a stream, which can be read if it gets an overview."""
-    extras = extras_of(recording, encoded.settings, encoded.decisions)
+    extras = extras_of(recording)
     level = encoded.level
     observed = clock_chunks(recording, encoded.tracks)
-    payloads = [payload for _, payload in extras] + [payload for _, payload, _ in observed]
-    if max(len(payload) for payload in payloads) > level.payload_size:
+    sizes = [len(payload) for _, payload in [*extras, *observed]]
+    if max(sizes, default=0) > level.payload_size:
         level = LEVELS[2]
     layers, marks = layers_of(recording, len(encoded.tracks), cluster)
     tracks = [*encoded.tracks, *layers]
-    own_uuid = recording.uuid or (uuid.uuid4() if canonical is None else None)
+    made_by = encoder_of(recording, encoded.settings, encoded.decisions)
     if canonical == "content":
-        more = [payload for _, payload in extras]
-        more += [b"%s %d %s" % (type_.encode(), id_, data) for type_, data, id_ in observed]
+        more = [made_by.encode(), *(payload for _, payload in [*extras, *observed])]
         canonical = content_id(tracks, encoded.packets + marks, more)
     out = FileWriter(
         stream,
         level=level,
         file_id=canonical,
-        recording_uuid=own_uuid,
+        recording_uuid=recording.uuid,
         epoch_ns=recording.epoch_ns,
         epoch_uncertainty_ns=recording.epoch_uncertainty_ns,
-        minor=minor_of(tracks),
+        encoder=made_by,
     )
     out.describe(tracks)
     for type_, payload in extras:
@@ -270,23 +268,27 @@ def put(
     )
 
 
-def extras_of(
-    recording: Recording, settings: Settings, decisions: Sequence[Decision] = ()
-) -> list[tuple[str, bytes]]:
-    """Types and payloads of the chunks for metadata and attachments."""
-    if not isinstance(recording.metadata, dict):
-        raise ParameterError("metadata must be a JSON object, a dict in Python")
-    made_by = f"hapfmt {__version__}: {settings.describe()}"
+def encoder_of(recording: Recording, settings: Settings, decisions: Sequence[Decision] = ()) -> str:
+    """The text of HEAD on this program and its settings (SPEC 6.1)."""
+    made_by = made_with(settings)
     if settings.preset == "perceptual":
         made_by += reached(decisions)
     earlier = recording.metadata.get("encoder")
     if earlier and lossy_preset(earlier):
         made_by += f"{INPUT}{earlier}"[:INPUT_SIZE]
-    metadata = {**recording.metadata, "encoder": made_by}
+    return made_by
+
+
+def extras_of(recording: Recording) -> list[tuple[str, bytes]]:
+    """Types and payloads of the chunks for metadata and attachments."""
+    if not isinstance(recording.metadata, dict):
+        raise ParameterError("metadata must be a JSON object, a dict in Python")
+    # Its own encoder is in HEAD.
+    metadata = {name: recording.metadata[name] for name in recording.metadata if name != "encoder"}
+    described = [("mETa", build_metadata(metadata))] if metadata else []
     try:
         attached = [Attachment(name, *rest) for name, rest in recording.attachments.items()]
-        payloads = [build_attachment(each) for each in attached]
-        return [("mETa", build_metadata(metadata)), *(("aTTc", each) for each in payloads)]
+        return described + [("aTTc", build_attachment(each)) for each in attached]
     except (TypeError, AttributeError):
         raise ParameterError("attachments are {name: (media type, bytes)}") from None
 
@@ -296,7 +298,7 @@ _REACHED = (("snr_hf_db", "", " dB"), ("st_sim", "ST-SIM ", ""), ("level_db", "l
 
 
 def reached(decisions: Sequence[Decision]) -> str:
-    """The quality of textures, for the metadata: " (texture 20.1 to 20.3 dB, 1 exact)"."""
+    """The quality of textures, for the encoder's text: " (texture 20.1 to 20.3 dB, 1 exact)"."""
     exact = sum((each.snr_hf_db or 0) > EXACT_DB for each in decisions)
     decisions = [each for each in decisions if (each.snr_hf_db or 0) <= EXACT_DB]
     texts = []
@@ -347,25 +349,28 @@ def layers_of(
     return tracks, packets
 
 
-def clock_chunks(recording: Recording, tracks: Sequence[Track]) -> list[tuple[str, bytes, int]]:
-    """cLOk and cMAp chunks: type, payload, and the first track of the channel."""
-    first: dict[int | str | None, int] = {None: NO_TRACK}
+def clock_chunks(recording: Recording, tracks: Sequence[Track]) -> list[tuple[str, bytes]]:
+    """Types and payloads of cLOk and cMAp chunks, in the ticks of the first track of a channel."""
+    first: dict[int | str | None, int | None] = {None: None}
     for track in tracks:
         for number in track.channels:
             first.setdefault(number, track.id)
     chunks = [
-        ("cLOk", payload, first[channel])
+        ("cLOk", payload)
         for (clock, channel), seen in groupby(recording.clocks, lambda s: (s.clock, s.channel))
-        for payload in build_clocks(clock, ((s.tick, s.time_ns, s.uncertainty_ns) for s in seen))
+        for payload in build_clocks(
+            clock, first[channel], ((s.tick, s.time_ns, s.uncertainty_ns) for s in seen)
+        )
     ]
-    maps: dict[tuple[str, int], bytes] = {}
+    maps: dict[tuple[str, int | None], bytes] = {}
     for one in recording.clock_maps:
-        payload, id_ = build_map(one.clock, one.points), first[one.channel]
+        id_ = first[one.channel]
+        payload = build_map(one.clock, id_, one.points)
         if maps.setdefault((one.clock, id_), payload) != payload:
             raise ParameterError(
                 f"two channels of one vector have different maps of clock {one.clock!r}; keep one"
             )
-    return chunks + [("cMAp", payload, id_) for (_, id_), payload in maps.items()]
+    return chunks + [("cMAp", payload) for payload in maps.values()]
 
 
 def clusters(
