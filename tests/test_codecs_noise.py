@@ -47,7 +47,7 @@ def decoded_as_the_page_says(data, parameters, span, count=1):
 
 
 def test_parameters():
-    """NOI-003: `shift` MUST be 3 to 12, and a block, `intervals` times 2^shift, have at least 64 ticks."""
+    """NOI-003: `shift` MUST be 3 to 12, and a frame, `intervals` times 2^shift, have at least 64 ticks."""
     for shift in range(256):
         for intervals in (0, 1, 2, 7, 8, 255):
             data = nois_parameters(shift, intervals)
