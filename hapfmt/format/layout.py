@@ -185,7 +185,7 @@ LPCX_TERM = Layout(
 
 NOIS_PARAMETERS = Layout(
     Field("shift", "u8", "an interval has 2^shift ticks"),
-    Field("intervals", "u8", "intervals of a block"),
+    Field("intervals", "u8", "intervals of a frame"),
 )
 
 OVERVIEW_END = Layout(
