@@ -70,7 +70,7 @@ def one(
     fields = {"codec": codec, "component_count": width, "rate_num": 1 << 20} | given
     return f.closed(
         head(),
-        ("TRAK", f.trak(f.tlv(1, parameters), **fields), {"track": 0}),
+        ("TRAK", f.trak(f.tlv(1, parameters), **fields)),
         ("DATA", f.cluster(*[(0, span * i, span, data) for i in range(count)])),
         duration_ns=-(-span * count * 10**9 >> 20),
     )
@@ -253,7 +253,7 @@ def events(size: Size) -> bytes:
     return f.closed(
         head(),
         f.TRACK_0,
-        ("TRAK", f.layer(track_count=len(layers)), {"track": 1}),
+        ("TRAK", f.layer(track_count=len(layers), first=1)),
         ("DATA", f.cluster(*layers)),
         duration_ns=10**6,
     )

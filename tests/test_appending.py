@@ -502,7 +502,7 @@ class TestRefusals:
         self.refused(tmp_path / "a", b"text", FormatError, "not a hapf file")
 
     def test_tracks_that_lack_others(self, tmp_path: Path):
-        lone = ("TRAK", f.trak(kind=1), {"track": 0})
+        lone = ("TRAK", f.trak(kind=1))
         data = f.file(("HEAD", f.head()), lone, f.DATA_0)
         self.refused(tmp_path / "a", data, ParameterError, "tracks they depend on")
         path = tmp_path / "b"

@@ -41,10 +41,10 @@ from hapfmt.writing.filewriter import FileWriter
 SEEN = [(0, 10**18, 5000), (1000, 10**18 + 10**9 + 40_000, 0), (900, 10**18 + 9 * 10**8, 7)]
 POINTS = [(0, 10**18), (1000, 10**18 + 10**9 + 40_000)]
 FILE = f.minimal(
-    ("cLOk", f.clock(SEEN), {"track": 0}),
-    ("cMAp", f.clock_map(POINTS, "old"), {"track": 0}),
+    ("cLOk", f.clock(SEEN, track=0)),
+    ("cMAp", f.clock_map(POINTS, "old", track=0)),
     ("cLOk", f.clock(SEEN[:1], "other")),
-    ("cMAp", f.clock_map(POINTS), {"track": 0}),
+    ("cMAp", f.clock_map(POINTS, track=0)),
 )
 
 
@@ -405,9 +405,9 @@ class TestVerb:
         path = tmp_path / "d.hapf"
         path.write_bytes(
             f.minimal(
-                ("TRAK", f.trak(continues=0), {"track": 1}),
-                ("cLOk", f.clock([(0, 0, 0)]), {"track": 0}),
-                ("cLOk", f.clock([(1000, 10**9, 0)]), {"track": 1}),
+                ("TRAK", f.trak(continues=0, first=1)),
+                ("cLOk", f.clock([(0, 0, 0)], track=0)),
+                ("cLOk", f.clock([(1000, 10**9, 0)], track=1)),
             )
         )
         (row,) = json.loads(self.run(str(path), "--fit", "--json"))["clocks"]

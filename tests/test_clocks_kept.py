@@ -376,7 +376,7 @@ class TestFiles:
             hapfmt.read(bytes(data))
 
     def test_a_broken_rule(self):
-        broken = f.minimal(("cLOk", f.clock([(0, 0, 0)], count=9), {"track": 0}))
+        broken = f.minimal(("cLOk", f.clock([(0, 0, 0)], count=9, track=0)))
         with pytest.raises(FormatError):
             hapfmt.read(broken)
         harmed = f.file(

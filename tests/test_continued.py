@@ -39,11 +39,11 @@ def labelled(label):
 
 
 PARTS = [
-    ("TRAK", f.trak(labelled("first"), kind=1), {"track": 0}),
-    ("TRAK", f.trak(LEVELS_OF_ONE, kind=2, base=0, codec=b"QUAN"), {"track": 1}),
-    ("TRAK", f.trak(labelled("second"), continues=0, count_max=7), {"track": 2}),
-    ("TRAK", f.trak(labelled("third"), continues=2, kind=1), {"track": 3}),
-    ("TRAK", f.trak(LEVELS_OF_ONE, kind=2, base=3, codec=b"QUAN"), {"track": 4}),
+    ("TRAK", f.trak(labelled("first"), kind=1)),
+    ("TRAK", f.trak(LEVELS_OF_ONE, kind=2, base=0, codec=b"QUAN", first=1)),
+    ("TRAK", f.trak(labelled("second"), continues=0, count_max=7, first=2)),
+    ("TRAK", f.trak(labelled("third"), continues=2, kind=1, first=3)),
+    ("TRAK", f.trak(LEVELS_OF_ONE, kind=2, base=3, codec=b"QUAN", first=4)),
 ]
 """LF and HF, then full band of a smaller range, then LF and HF again."""
 
@@ -89,8 +89,8 @@ class TestOneChannel:
         second = f.tlv(18, f.deviation(1.0, 0.125))
         data = f.closed(
             HEAD,
-            ("TRAK", f.trak(f.HOLD + first), {"track": 0}),
-            ("TRAK", f.trak(f.HOLD + second, continues=0), {"track": 1}),
+            ("TRAK", f.trak(f.HOLD + first)),
+            ("TRAK", f.trak(f.HOLD + second, continues=0, first=1)),
             ("DATA", f.cluster((0, 0, 2, f.KNOT_DATA), (1, 2, 2, f.KNOT_DATA))),
         )
         assert Reader(data).read().channels[0].deviation == Deviation(1.0, 0.25)
@@ -101,8 +101,8 @@ class TestOneChannel:
         words = [np.array([x]).tobytes() for x in (0.1, np.inf)]
         data = f.closed(
             HEAD,
-            ("TRAK", f.trak(raw, **fields), {"track": 0}),
-            ("TRAK", f.trak(raw, continues=0, **fields), {"track": 1}),
+            ("TRAK", f.trak(raw, **fields)),
+            ("TRAK", f.trak(raw, continues=0, **fields, first=1)),
             ("DATA", f.cluster((0, 0, 1, b"\0" + words[0]), (1, 3, 1, b"\0" + words[1]))),
         )
         (channel,) = Reader(data).read().channels
@@ -230,8 +230,8 @@ class TestDamage:
 
     SMALL = f.closed(
         HEAD,
-        ("TRAK", f.trak(), {"track": 0}),
-        ("TRAK", f.trak(continues=0), {"track": 1}),
+        ("TRAK", f.trak()),
+        ("TRAK", f.trak(continues=0, first=1)),
         ("DATA", f.cluster((0, 0, 2, f.KNOT_DATA))),
         ("DATA", f.cluster((1, 3, 1, f.KNOT_DATA))),
     )
@@ -285,8 +285,8 @@ class TestDamage:
 
     def test_strangers_are_left_out(self):
         """A track of the same channel that does not fit what is left."""
-        other = ("TRAK", f.trak(continues=8, rate_num=7), {"track": 5})
-        twin = ("TRAK", f.trak(continues=0), {"track": 6})
+        other = ("TRAK", f.trak(continues=8, rate_num=7, first=5))
+        twin = ("TRAK", f.trak(continues=0, first=6))
         data = f.closed(HEAD, *PARTS, *DATA) + b"x"
         assert by_tick(data) == FULL
         bad = f.file(HEAD, ("aaaa", b"x", {"crc": 0}), *PARTS, other, twin, *DATA)
@@ -314,12 +314,13 @@ class TestUnknown:
         "fields", [{"component_count": 1}, {"rate_num": 7}, {"first_channel": 1}]
     )
     def test_that_does_not_fit(self, fields, tmp_path):
-        two = ("TRAK", f.trak(component_count=2), {"track": 0})
+        two = ("TRAK", f.trak(component_count=2))
         tlvs = f.tlv(16, f.deadband(entries=[(1, 0)] * fields.get("component_count", 2)))
         strange = (
             "TRAK",
-            f.trak(tlvs, **({"component_count": 2, "codec": b"NEWC", "continues": 0} | fields)),
-            {"track": 1},
+            f.trak(
+                tlvs, **({"component_count": 2, "codec": b"NEWC", "continues": 0} | fields), first=1
+            ),
         )
         data = f.closed(
             HEAD, two, strange, ("DATA", f.cluster((0, 0, 4, f.svarint(5) + f.svarint(6)))),
@@ -336,7 +337,7 @@ class TestUnknown:
             )
 
     def test_that_fits(self):
-        strange = ("TRAK", f.trak(b"", continues=0, codec=b"NEWC"), {"track": 1})
+        strange = ("TRAK", f.trak(b"", continues=0, codec=b"NEWC", first=1))
         data = f.closed(HEAD, f.TRACK_0, strange, f.DATA_0)
         assert verify(data).verdict == "unsupported"
         assert samples(data) is None

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.capped
 
 TWO = f.closed(
     ("HEAD", f.head()),
-    ("TRAK", f.trak(track_count=2), {"track": 0}),
+    ("TRAK", f.trak(track_count=2)),
     ("DATA", f.cluster((0, 0, 3, b"\x02\1\x02\1\x02"), (1, 0, 3, b"\x03"))),
     ("DATA", f.cluster((0, 3, 2, b"\x08"), (1, 4, 1, b"\x0b"))),
     duration_ns=5_000_000,

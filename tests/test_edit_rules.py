@@ -105,15 +105,14 @@ class TestRefusals:
             subset(data)
 
     def test_an_lf_track_alone(self) -> None:
-        data = forge.closed(("HEAD", forge.head()), ("TRAK", forge.trak(kind=1), {"track": 0}))
+        data = forge.closed(("HEAD", forge.head()), ("TRAK", forge.trak(kind=1)))
         with pytest.raises(hapfmt.FormatError, match="LF track 0 without an HF track"):
             subset(data)
 
     def test_tracks_whose_description_nobody_knows(self) -> None:
         strange = (
             "TRAK",
-            forge.trak(first_channel=1, tlvs=forge.HOLD + forge.tlv(101, b"")),
-            {"track": 1},
+            forge.trak(first_channel=1, tlvs=forge.HOLD + forge.tlv(101, b""), first=1),
         )
         data = forge.closed(("HEAD", forge.head()), forge.TRACK_0, strange, forge.DATA_0)
         with pytest.raises(
@@ -219,10 +218,10 @@ class TestChunks:
             head = bytes([len(name)]) + name + forge.varint(1) + forge.svarint(tick)
             return head + struct.pack("<q", 10**18) + forge.varint(5)
 
-        second = ("TRAK", forge.trak(first_channel=1, rate_num=3), {"track": 1})
+        second = ("TRAK", forge.trak(first_channel=1, rate_num=3, first=1))
         data = forge.closed(
-            ("HEAD", forge.head()), forge.TRACK_0, second, ("cLOk", clock(7), {"track": 0}),
-            ("cLOk", clock(10**9)), ("cMAp", clock(-2), {"track": 1}),
+            ("HEAD", forge.head()), forge.TRACK_0, second, ("cLOk", clock(7, track=0)),
+            ("cLOk", clock(10**9)), ("cMAp", clock(-2, track=1)),
             ("DATA", forge.cluster((0, 5000, 4, forge.KNOT_DATA))), duration_ns=5_004_000_000,
         )  # fmt: skip
         same, _ = subset(data)
@@ -236,9 +235,7 @@ class TestChunks:
         assert edited.notes == ["cLOk chunk left out: it refers to track 0"]
         third, edited = merge([data], offsets={0: Fraction(1)})
         assert chunks_of(third, "cLOk")[0] == clock(1007)
-        only = forge.closed(
-            ("HEAD", forge.head()), ("TRAK", second[1], {"track": 0}), ("cLOk", clock(1))
-        )
+        only = forge.closed(("HEAD", forge.head()), ("TRAK", second[1]), ("cLOk", clock(1)))
         gone, edited = merge([only], offsets={0: Fraction(1, 3)})
         assert chunks_of(gone, "cLOk") == []
         assert edited.notes == ["cLOk chunk left out: its ticks cannot move so"]
@@ -255,7 +252,7 @@ class TestChunks:
 
 def two_tracks(*more: Any) -> bytes:
     """Two channels, each with four samples."""
-    second = ("TRAK", forge.trak(first_channel=1), {"track": 1})
+    second = ("TRAK", forge.trak(first_channel=1, first=1))
     data = ("DATA", forge.cluster((0, 0, 4, forge.KNOT_DATA), (1, 0, 4, forge.KNOT_DATA)))
     return forge.closed(("HEAD", forge.head()), forge.TRACK_0, second, data, *more)
 
@@ -264,7 +261,7 @@ class TestDescriptions:
     def test_unknown_tlvs_stay(self) -> None:
         tlvs = forge.HOLD + forge.tlv(20, b"weights") + forge.tlv(98, b"?")
         both = forge.trak(tlvs, track_count=2)
-        data = forge.closed(("HEAD", forge.head()), ("TRAK", both, {"track": 0}), forge.DATA_0)
+        data = forge.closed(("HEAD", forge.head()), ("TRAK", both), forge.DATA_0)
         whole, edited = subset(data)
         assert described(whole) == [both] and edited.notes == []
         second, edited = subset(data, [1])
@@ -278,7 +275,7 @@ class TestDescriptions:
         hf = forge.tracks(
             forge.track(forge.HOLD + forge.tlv(98, b"?"), kind=1), forge.track(kind=2, base=0)
         )
-        data = forge.closed(("HEAD", forge.head()), ("TRAK", hf, {"track": 0}), forge.DATA_0)
+        data = forge.closed(("HEAD", forge.head()), ("TRAK", hf), forge.DATA_0)
         slow, edited = subset(data, band="lf")
         assert tracks_of(slow)[0].unknown == ()
         assert "TLVs 98 of track 0 left out: not known here" in edited.notes
@@ -292,7 +289,7 @@ class TestDescriptions:
 
     def test_channels_in_any_order(self) -> None:
         three = forge.tracks(*(forge.track(first_channel=number) for number in (2, 0, 1)))
-        data = forge.closed(("HEAD", forge.head()), ("TRAK", three, {"track": 0}), forge.DATA_0)
+        data = forge.closed(("HEAD", forge.head()), ("TRAK", three), forge.DATA_0)
         whole, _ = subset(data)
         assert described(whole) == [three]
         part, _ = subset(data, [0, 2])
@@ -303,7 +300,7 @@ class TestDescriptions:
     def test_a_codec_of_another_time_is_copied(self) -> None:
         track = forge.trak(codec=b"xNEW", tlvs=forge.tlv(1, b"who knows"))
         data = forge.closed(
-            ("HEAD", forge.head()), ("TRAK", track, {"track": 0}),
+            ("HEAD", forge.head()), ("TRAK", track),
             ("DATA", forge.cluster((0, 0, 4, b"coded"))),
         )  # fmt: skip
         part, _ = subset(data)
@@ -480,8 +477,8 @@ class TestLevels:
 
     def test_a_residual_that_is_wider_than_a_channel_may_be(self) -> None:
         """An HF track of level 1 has 25 bits, a full band 24."""
-        lf = ("TRAK", forge.trak(kind=1), {"track": 0})
-        hf = ("TRAK", forge.trak(kind=2, base=0, count_max=1 << 23), {"track": 1})
+        lf = ("TRAK", forge.trak(kind=1))
+        hf = ("TRAK", forge.trak(kind=2, base=0, count_max=1 << 23, first=1))
         data = ("DATA", forge.cluster((0, 0, 4, forge.KNOT_DATA), (1, 0, 4, forge.KNOT_DATA)))
         part, edited = subset(forge.closed(("HEAD", forge.head()), lf, hf, data), band="hf")
         assert edited.level == 2

@@ -31,7 +31,7 @@ from hapfmt.writing.filewriter import FileWriter
 
 HEAD = ("HEAD", f.head())
 NAMED = f.tlv(2, f.strings("touch"))
-LAYER = ("TRAK", f.layer(NAMED, rate_num=1000), {"track": 1})
+LAYER = ("TRAK", f.layer(NAMED, rate_num=1000, first=1))
 
 
 def written(recording, settings=None):
@@ -79,7 +79,7 @@ class TestLayer:
 
     def test_what_it_may_say_of_itself(self):
         tlvs = NAMED + f.tlv(14, f.strings("button")) + f.tlv(22, b"by hand") + f.tlv(24, b"?")
-        both = ("TRAK", f.layer(tlvs, track_count=2), {"track": 1})
+        both = ("TRAK", f.layer(tlvs, track_count=2, first=1))
         data = f.closed(HEAD, f.TRACK_0, both, f.DATA_0)
         assert rule(data) == ("intact", None)
         first, second = Reader(data).catalogue.layers
@@ -88,7 +88,7 @@ class TestLayer:
 
     def test_no_channel_is_its_own(self):
         assert [ref.number for ref in Reader(MARKS).channels] == [0]
-        low = ("TRAK", f.layer(), {"track": 0})
+        low = ("TRAK", f.layer())
         assert rule(f.closed(HEAD, low)) == ("intact", None)
 
     def test_a_file_that_is_not_closed_may_still_get_the_channel(self):
@@ -96,7 +96,7 @@ class TestLayer:
         assert rule(open_) == ("damaged", "FIL-003")
 
     def test_unknown_ones_leave_the_channels_alone(self):
-        strange = ("TRAK", f.layer(codec=b"XVNT"), {"track": 1})
+        strange = ("TRAK", f.layer(codec=b"XVNT", first=1))
         data = f.closed(HEAD, f.TRACK_0, strange, f.DATA_0)
         assert verify(data).verdict == "unsupported"
         assert samples(data) == {(0, tick): 5 for tick in range(4)}

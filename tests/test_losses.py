@@ -25,7 +25,7 @@ def file_of(*clusters, **changes) -> bytes:
     data = [("DATA", f.cluster(*rows)) for rows in clusters]
     starts = [min(row[1] for row in rows) for rows in clusters]
     stops = [max(row[1] + row[2] for row in rows) for rows in clusters]
-    chunks = [("HEAD", f.head()), ("TRAK", THREE, {"track": 0}), *data]
+    chunks = [("HEAD", f.head()), ("TRAK", THREE), *data]
     entries, at = [], 8
     for number, (type_, payload, *_) in enumerate(chunks):
         times = (starts[number - 2], stops[number - 2]) if type_ == "DATA" else (0, 0)
@@ -104,7 +104,7 @@ def test_a_chunk_that_was_no_cluster_costs_no_samples():
 
 def test_without_an_index_the_packets_around_it_say():
     data = f.file(
-        ("HEAD", f.head()), ("TRAK", THREE, {"track": 0}),
+        ("HEAD", f.head()), ("TRAK", THREE),
         *[("DATA", f.cluster(*[row(t, s) for t in range(3)])) for s in (0, 40, 80)],
     )  # fmt: skip
     second, third = payload_of(data, "DATA", 1), payload_of(data, "DATA", 2)
@@ -117,7 +117,7 @@ def test_without_an_index_the_packets_around_it_say():
 
 def test_a_lost_description_costs_its_own_track():
     data = f.closed(
-        ("HEAD", f.head()), f.TRACK_0, ("TRAK", f.trak(first_channel=1), {"track": 1}),
+        ("HEAD", f.head()), f.TRACK_0, ("TRAK", f.trak(first_channel=1, first=1)),
         *[("DATA", f.cluster(row(0, s), row(1, s))) for s in (0, 4)],
         duration_ns=8_000_000,
     )  # fmt: skip

@@ -74,7 +74,7 @@ def two_events(first: int, second: int, *more: Row) -> bytes:
     return f.closed(
         ("HEAD", f.head()),
         f.TRACK_0,
-        ("TRAK", f.layer(f.tlv(2, f.strings("by hand"))), {"track": 1}),
+        ("TRAK", f.layer(f.tlv(2, f.strings("by hand")), first=1)),
         ("DATA", f.cluster(*rows, (1, second, 4, f.event(1, "b")))),
         duration_ns=8_000_000,
     )

@@ -260,7 +260,7 @@ class TestRules:
     def test_are_those_of_the_whole(self, rows, rule):
         data = f.closed(
             ("HEAD", f.head()),
-            ("TRAK", f.trak(track_count=3), {"track": 0}),
+            ("TRAK", f.trak(track_count=3)),
             ("DATA", f.cluster((0, 0, 10, f.KNOT_DATA))),
             ("DATA", f.cluster(*((*row, f.KNOT_DATA) for row in rows))),
         )
@@ -276,7 +276,7 @@ class TestFalseIndexes:
 
     CHUNKS = (
         ("HEAD", f.head()),
-        ("TRAK", f.trak(track_count=2), {"track": 0}),
+        ("TRAK", f.trak(track_count=2)),
         ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, f.KNOT_DATA))),
         ("DATA", f.cluster((0, 4, 4, f.KNOT_DATA), (1, 4, 4, f.KNOT_DATA))),
     )

@@ -41,7 +41,7 @@ def pair(
     lf: bytes, hf: bytes, lf_range=(-100, 100), hf_range=(-100, 100), lf_at=(0, 4), hf_at=(0, 4)
 ):
     """A channel of two tracks, one packet each, at (start, span)."""
-    low = ("TRAK", f.trak(kind=1, count_min=lf_range[0], count_max=lf_range[1]), {"track": 0})
+    low = ("TRAK", f.trak(kind=1, count_min=lf_range[0], count_max=lf_range[1]))
     fields = {
         "kind": 2,
         "base": 0,
@@ -49,7 +49,7 @@ def pair(
         "count_min": hf_range[0],
         "count_max": hf_range[1],
     }
-    high = ("TRAK", f.trak(LEVELS_OF_ONE, **fields), {"track": 1})
+    high = ("TRAK", f.trak(LEVELS_OF_ONE, **fields, first=1))
     data = ("DATA", f.cluster((0, *lf_at, lf), (1, *hf_at, hf)))
     stop = max(sum(lf_at), sum(hf_at)) * 10**6
     return f.closed(HEAD, low, high, data, duration_ns=stop)
@@ -80,8 +80,8 @@ class TestBands:
 
     def test_residuals_have_no_offset(self):
         tlvs = f.HOLD + f.tlv(3, f.calibration(1, 50, 2))
-        low = ("TRAK", f.trak(tlvs, kind=1), {"track": 0})
-        high = ("TRAK", f.trak(LEVELS_OF_ONE, kind=2, base=0, codec=b"QUAN"), {"track": 1})
+        low = ("TRAK", f.trak(tlvs, kind=1))
+        high = ("TRAK", f.trak(LEVELS_OF_ONE, kind=2, base=0, codec=b"QUAN", first=1))
         data = f.closed(
             HEAD, low, high, ("DATA", f.cluster((0, 0, 4, f.svarint(5)), (1, 0, 4, b"\x18")))
         )
@@ -211,7 +211,7 @@ class TestTimes:
     """
 
     DATA = f.closed(
-        HEAD, ("TRAK", f.trak(rate_num=30000, rate_den=1001), {"track": 0}),
+        HEAD, ("TRAK", f.trak(rate_num=30000, rate_den=1001)),
         ("DATA", f.cluster((0, 0, 1 << 20, f.KNOT_DATA))), duration_ns=-(-(1001 * 10**9 << 20) // 30000),
     )  # fmt: skip
 
@@ -386,7 +386,7 @@ class TestLimits:
         [
             f.SIGNATURE + f.chunk("HEAD", b"", 0, size=2**32 - 1),
             f.SIGNATURE + f.chunk("HEAD", f.head(), 0, size=2**24),
-            f.file(HEAD, ("TRAK", f.trak(f.tlv(1, b"")[:-2] + b"\xff\xff"), {"track": 0})),
+            f.file(HEAD, ("TRAK", f.trak(f.tlv(1, b"")[:-2] + b"\xff\xff"))),
             f.file(HEAD, f.TRACK_0, ("DATA", f.varint(2**32))),
             f.file(HEAD, f.TRACK_0, ("DATA", f.cluster((0, 0, 2**32, f.KNOT_DATA)))),
             f.file(HEAD, f.TRACK_0, ("DATA", f.table([(0, 2**32, 0, 4, 0)]))),

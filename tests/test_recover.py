@@ -147,7 +147,7 @@ def test_a_track_whose_parameters_are_wrong_is_left_out(payload):
     """
     second = f.trak(first_channel=1)
     data = f.closed(
-        ("HEAD", f.head()), ("TRAK", payload, {"track": 0}), ("TRAK", second, {"track": 1}),
+        ("HEAD", f.head()), ("TRAK", payload), ("TRAK", second, {"track": 1}),
         ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, f.KNOT_DATA))),
     )  # fmt: skip
     good, done = recovered(data)
@@ -162,7 +162,7 @@ def test_descriptions_are_copied():
     REC-007: A recovered file MUST describe every track of which an intact description was found. Its bytes stay the same unless the track that it continues is lost. HF tracks whose base is lost and tracks whose codec parameters break a rule are left out. Tracks without packets are added: an HF track for each LF track without one, and tracks with the label `(lost)`. The latter have the missing channel numbers below the highest one, and those that events name.
     """
     tlvs = f.HOLD + f.tlv(2, f.strings("f")) + f.tlv(0x4000, b"unknown, ancillary")
-    data = f.closed(("HEAD", f.head()), ("TRAK", f.trak(tlvs), {"track": 0}), f.DATA_0)
+    data = f.closed(("HEAD", f.head()), ("TRAK", f.trak(tlvs)), f.DATA_0)
     good, _ = recovered(data + b"\0")
     assert described(good) == [f.trak(tlvs)]
 
@@ -174,7 +174,7 @@ class TestLostDescriptions:
 
     pair = (
         ("HEAD", f.head()),
-        ("TRAK", LF, {"track": 0}),
+        ("TRAK", LF),
         ("TRAK", HF, {"track": 1}),
         ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, b"\0"))),
     )
@@ -199,7 +199,7 @@ class TestLostDescriptions:
     )
     def test_of_channels(self, number):
         data = f.closed(
-            ("HEAD", f.head()), ("TRAK", f.trak(first_channel=number), {"track": 3}),
+            ("HEAD", f.head()), ("TRAK", f.trak(first_channel=number, first=3)),
             ("DATA", f.cluster((3, 0, 4, f.KNOT_DATA))),
         )  # fmt: skip
         good, done = recovered(data)
@@ -232,7 +232,7 @@ def test_digests():
 
 
 def test_a_digest_that_differs_is_told():
-    data = f.minimal(("dGST", bytes(32), {"track": 0}))
+    data = f.minimal(("dGST", f.digests(bytes(32))))
     good, done = recovered(data)
     assert done.exit_code == 3
     assert [finding.code for finding in done.findings] == ["bad-digest"]
@@ -298,10 +298,10 @@ def test_a_track_with_an_unknown_codec_is_copied():
     """
     VRD-003: Programs that inspect, verify or recover files MUST work on files with unknown critical parts as far as these are understood.
     """
-    unknown = ("TRAK", f.trak(codec=b"xNEW", first_channel=1), {"track": 1})
+    unknown = ("TRAK", f.trak(codec=b"xNEW", first_channel=1, first=1))
     cluster = ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, b"what")))
     data = f.closed(
-        ("HEAD", f.head()), f.TRACK_0, unknown, cluster, ("dGST", bytes(32), {"track": 1})
+        ("HEAD", f.head()), f.TRACK_0, unknown, cluster, ("dGST", f.digests(bytes(32), first=1))
     )
     good, done = recovered(data)
     assert (done.exit_code, done.packets, done.digests) == (4, 2, 1)
@@ -504,8 +504,8 @@ def test_order_is_nothing_in_a_damaged_file():
 
 def test_only_hf_tracks_stand_on_a_base():
     """The base that a track of unknown kind names is none: its LF track has lost its HF track."""
-    strange = ("TRAK", f.trak(kind=9, base=0, first_channel=1), {"track": 1})
-    data = f.file(("HEAD", f.head()), ("TRAK", LF, {"track": 0}), strange, ("mETa", b"{")) + b"?"
+    strange = ("TRAK", f.trak(kind=9, base=0, first_channel=1, first=1))
+    data = f.file(("HEAD", f.head()), ("TRAK", LF), strange, ("mETa", b"{")) + b"?"
     out, _ = recovered(data)
     tracks = hapfmt.Reader(out).catalogue.tracks.values()
     assert [track.base for track in tracks if track.kind == "hf"] == [0]

@@ -197,7 +197,7 @@ class TestFalseIndex:
         rows = [[(track, 4 * i, 4, f.svarint(track + 1)) for track in range(2)] for i in range(3)]
         chunks = [
             ("HEAD", f.head()),
-            ("TRAK", f.trak(track_count=2), {"track": 0}),
+            ("TRAK", f.trak(track_count=2)),
             *[("DATA", f.cluster(*some)) for some in rows],
         ]
         places, offset = [], 8
@@ -238,9 +238,9 @@ class TestFalseIndex:
         """The index does not list the track that continues the first."""
         chunks = [
             ("HEAD", f.head()),
-            ("TRAK", f.trak(), {"track": 0}),
+            ("TRAK", f.trak()),
             ("DATA", f.cluster((0, 0, 4, f.svarint(1)))),
-            ("TRAK", f.trak(continues=0), {"track": 1}),
+            ("TRAK", f.trak(continues=0, first=1)),
             ("DATA", f.cluster((1, 4, 4, f.svarint(2)))),
         ]
         offsets, offset = [], 8

@@ -176,7 +176,7 @@ def test_faults_are_explained():
 
 def test_what_is_unknown_comes_before_a_broken_rule():
     """Clause 13; and damage before both."""
-    stranger = ("TRAK", f.trak(codec=b"NEWC", first_channel=1), {"track": 1})
+    stranger = ("TRAK", f.trak(codec=b"NEWC", first_channel=1, first=1))
     data = f.minimal(stranger, ("mETa", b"{"))
     assert rule(data) == ("unsupported", "TRK-011")
     assert rule(data + b"\0")[0] == "damaged"
@@ -186,9 +186,9 @@ def test_what_is_unknown_comes_before_a_broken_rule():
     "chunk",
     [
         ("aTTc", b"\0\0abc"),
-        ("cLOk", f.clock([]), {"track": 0}),
-        ("cMAp", f.clock_map([(0, 0), (1, 1)]), {"track": 1}),
-        ("dGST", bytes(31), {"track": 0}),
+        ("cLOk", f.clock([], track=0)),
+        ("cMAp", f.clock_map([(0, 0), (1, 1)], track=1)),
+        ("dGST", f.digests(bytes(31))),
     ],
     ids=lambda chunk: chunk[0],
 )
@@ -196,7 +196,7 @@ def test_what_recover_leaves_out_is_reported(chunk):
     """
     REC-011: A recoverer MUST report all losses, and mention them in the member `notes` of the metadata.
     """
-    layer = ("TRAK", f.layer(), {"track": 1})
+    layer = ("TRAK", f.layer(first=1))
     out = io.BytesIO()
     done = hapfmt.recover(f.minimal(layer, chunk), out, canonical=9)
     assert done.exit_code == 3

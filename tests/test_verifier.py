@@ -122,7 +122,7 @@ class TestDigests:
     """
 
     def test_true(self):
-        report = verify(f.minimal(("dGST", FIVES, {"track": 0})))
+        report = verify(f.minimal(("dGST", f.digests(FIVES))))
         assert (report.verdict, report.digests) == ("intact", 1)
 
     @pytest.mark.parametrize(
@@ -134,15 +134,15 @@ class TestDigests:
         ],
     )
     def test_false(self, wrong):
-        assert rule(f.minimal(("dGST", wrong, {"track": 0}))) == ("damaged", "DGS-002")
+        assert rule(f.minimal(("dGST", f.digests(wrong)))) == ("damaged", "DGS-002")
 
     def test_the_last_counts(self):
-        stale, true = ("dGST", bytes(32), {"track": 0}), ("dGST", FIVES, {"track": 0})
+        stale, true = ("dGST", f.digests(bytes(32))), ("dGST", f.digests(FIVES))
         assert rule(f.minimal(stale, true)) == ("intact", None)
         assert rule(f.minimal(true, stale)) == ("damaged", "DGS-002")
 
     def test_of_the_packets_before_it(self):
-        digest = ("dGST", FIVES, {"track": 0})
+        digest = ("dGST", f.digests(FIVES))
         later = ("DATA", f.cluster((0, 4, 1, f.KNOT_DATA)))
         assert rule(f.minimal(digest, later, duration_ns=5_000_000)) == ("intact", None)
         early = f.closed(HEAD, f.TRACK_0, digest, f.DATA_0)
@@ -150,11 +150,11 @@ class TestDigests:
 
     @pytest.mark.parametrize("size", [0, 1, 31, 33])
     def test_of_another_size(self, size):
-        data = f.minimal(("dGST", bytes(size), {"track": 0}))
+        data = f.minimal(("dGST", f.digests(bytes(size))))
         assert rule(data) == ("nonconforming", "DGS-001")
 
     def test_before_its_track(self):
-        data = f.closed(HEAD, ("dGST", FIVES, {"track": 0}), f.TRACK_0, f.DATA_0)
+        data = f.closed(HEAD, ("dGST", f.digests(FIVES)), f.TRACK_0, f.DATA_0)
         assert rule(data) == ("nonconforming", "DGS-001")
 
     @given(strategies.packets())
@@ -214,7 +214,7 @@ class TestContracts:
     @pytest.mark.parametrize(("stated", "verdict"), [(0.2, "damaged"), (0.25, "intact")])
     def test_the_source_is_no_further_from_its_lattice_than_stated(self, stated, verdict):
         tlvs = f.HOLD + f.tlv(18, f.deviation(0.5, stated))
-        data = f.closed(HEAD, ("TRAK", f.trak(tlvs), {"track": 0}), f.DATA_0)
+        data = f.closed(HEAD, ("TRAK", f.trak(tlvs)), f.DATA_0)
         channel = hapfmt.Channel(
             np.array([5.0, 5.25, 5.0, 5.0]), recorded(np.zeros(4, int)).channels[0].rate_exact
         )
@@ -230,7 +230,7 @@ class TestContracts:
     def test_by_hand(self, x, outside, ratio):
         """k = 1/10, floor 1: 5 stands for 5 +- 1, and for 50 at 10 deadbands."""
         tlvs = f.HOLD + f.tlv(16, f.deadband(1, 10, flags=2))
-        data = f.closed(HEAD, ("TRAK", f.trak(tlvs), {"track": 0}), f.DATA_0)
+        data = f.closed(HEAD, ("TRAK", f.trak(tlvs)), f.DATA_0)
         report = verify(data, against=recorded(np.array(x)))
         (check,) = report.contracts
         slow = [Fraction(abs(v - 5) * 10, max(abs(v), 10)) for v in x]
@@ -241,7 +241,7 @@ class TestContracts:
 
     def test_an_aim_is_no_guarantee(self):
         tlvs = f.HOLD + f.tlv(16, f.deadband(flags=0))
-        data = f.closed(HEAD, ("TRAK", f.trak(tlvs), {"track": 0}), f.DATA_0)
+        data = f.closed(HEAD, ("TRAK", f.trak(tlvs)), f.DATA_0)
         report = verify(data, against=recorded(np.array([90] * 4)))
         assert (report.verdict, report.contracts[0].outside) == ("intact", 4)
 
@@ -298,7 +298,7 @@ class TestOriginalsThatDoNotFit:
 
 
 def test_an_lf_track_alone_is_refused_by_readers_too():
-    data = f.closed(HEAD, ("TRAK", f.trak(kind=1), {"track": 0}), f.DATA_0)
+    data = f.closed(HEAD, ("TRAK", f.trak(kind=1)), f.DATA_0)
     with pytest.raises(hapfmt.FormatError, match="TRK-012"):
         hapfmt.read(data)
 
@@ -310,10 +310,10 @@ def test_an_hf_track_whose_base_came_later_is_matched_then(count):
     late = f.trak(kind=1, component_count=count)
     data = f.closed(
         HEAD,
-        ("TRAK", f.trak(kind=1), {"track": 0, "crc": 0}),
+        ("TRAK", f.trak(kind=1), {"crc": 0}),
         ("TRAK", hf, {"track": 1}),
         ("DATA", f.cluster((1, 0, 4, b""))),
-        ("TRAK", late, {"track": 0}),
+        ("TRAK", late),
     )
     with hapfmt.Reader(data) as reader:
         assert (1 in reader.catalogue.tracks) == (count == 1)

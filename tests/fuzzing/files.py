@@ -136,20 +136,20 @@ def of_file() -> Iterable[bytes]:
     yield f.minimal(("mETa", b'{"a":1}'), ("xXXx", b"?"), ("XXXX", b"!"))
     lf_hf = [
         ("HEAD", f.head(level=2)),
-        ("TRAK", f.trak(kind=1), {"track": 0}),
+        ("TRAK", f.trak(kind=1)),
         ("TRAK", f.trak(f.tlv(1, f.quan_parameters(bytes([0x22, 0x22]), m=1, r=1)), kind=2,
-                        base=0, codec=b"QUAN"), {"track": 1}),
+                        base=0, codec=b"QUAN", first=1)),
         ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, b"\x1b"))),
-        ("dGST", bytes(64), {"track": 0}),
+        ("dGST", f.digests(bytes(64))),
     ]  # fmt: skip
     yield f.closed(*lf_hf)
     yield f.file(*lf_hf)
     yield f.closed(
         ("HEAD", f.head()),
         f.TRACK_0,
-        ("TRAK", f.layer(f.tlv(2, f.strings("by hand"))), {"track": 1}),
-        ("TRAK", f.trak(continues=0), {"track": 2}),
-        ("cLOk", f.clock([(0, 10**18, 5), (9, 10**18 + 10**7, 0)]), {"track": 0}),
+        ("TRAK", f.layer(f.tlv(2, f.strings("by hand")), first=1)),
+        ("TRAK", f.trak(continues=0, first=2)),
+        ("cLOk", f.clock([(0, 10**18, 5), (9, 10**18 + 10**7, 0)], track=0)),
         ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, f.event(1, "a", 2, 1) + f.event(2)))),
         ("DATA", f.cluster((1, 0, 2, f.event(0, "later")), (2, 4, 4, f.KNOT_DATA))),
         ("cMAp", f.clock_map([(0, 0), (1000, 10**9)])),
