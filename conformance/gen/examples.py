@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import deflate
 import forge
+import packet_rows
 import page_exact
 import page_knots_coded
 import page_noise
@@ -557,7 +558,7 @@ values of channel 1 are {" ".join(map(repr, y))}; their corrections are {shown(a
 def synthetic() -> Example:
     f = File(0x0000000D, brief=True)
     f.head(minor=1)
-    model = [u8(3, "intervals of 2^3 ticks"), u8(8, "8 intervals in a block")]
+    model = [u8(3, "intervals of 2^3 ticks"), u8(8, "8 intervals in a frame")]
     slow = track("KNOT", kind=1, low=-100, high=100, tlvs=[knots()])
     fast = track(
         "NOIS", kind=2, low=-100, high=100, linked=0, tlvs=[(1, "codec parameters", model)]
@@ -767,7 +768,7 @@ def text() -> str:
             "```",
             "",
         ]
-    return "\n".join([*parts, PACKETS.read_text("utf-8")])
+    return "\n".join([*parts, PACKETS.read_text("utf-8")]) + packet_rows.text()
 
 
 def outputs() -> dict[Path, bytes]:
