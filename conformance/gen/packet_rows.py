@@ -20,7 +20,9 @@ def hexed(data: bytes) -> str:
 def text() -> str:
     parts = [
         "Packets of other codecs, with their codec parameters:",
-        table(["codec", "parameters", "packet", "counts"], [quantised(), transformed(), synthetic()]),
+        table(
+            ["codec", "parameters", "packet", "counts"], [quantised(), transformed(), synthetic()]
+        ),
         "Values of counts by rules 2 and 3 of `LPCX`, with A = 1 and B = 0:",
         table(["rule", "count", "D", "on the way", "v"], values()),
         "## trace",
@@ -62,7 +64,7 @@ def synthetic() -> list[object]:
 
 
 def values() -> list[list[object]]:
-    """Decimals of rule 2 in ``digits``, and a cubic whose coefficients are 0.5, 0.1, 0.01, 0.001."""
+    """Decimals by rule 2, and one value by rule 3."""
     rows: list[list[object]] = []
     for count, d, digits, way in (
         (2, 3, 4, "p = -1, k = 4, s = 6667"),
@@ -93,7 +95,9 @@ def trace(integers: list[int], number: int, a: int) -> str:
         x = coder.x[0]
         k = coder.symbol(ends)
         word, front = coded[front : coder.front].hex(" ").upper() or "-", coder.front
-        rows.append([x, x % 4096, f"{ends[k - 1] if k else 0} to {ends[k] - 1}", k, word, coder.x[0]])
+        rows.append(
+            [x, x % 4096, f"{ends[k - 1] if k else 0} to {ends[k] - 1}", k, word, coder.x[0]]
+        )
     found = []
     for row in rows:
         start = len(coder.raw)
@@ -102,8 +106,8 @@ def trace(integers: list[int], number: int, a: int) -> str:
     assert found == integers
     assert coder.finish() == coded
     head = ["x", "slot", "symbol k has the slots", "k", "word", "x then", "raw bits", "integer"]
-    note = f"""The integers {shown(integers)}, of class {number} with start byte {a} and raw signs, are
-the coded bytes {hexed(coded)}. The averages begin with {f}, so c is {c} and h is {h}. The ends
+    note = f"""The integers {shown(integers)}, of class {number} with start byte {a} and raw signs,
+are the coded bytes {hexed(coded)}. The averages begin with {f}, so c is {c} and h is {h}. The ends
 of the class are then {shown(ends)}. The first 32 bits are the state x.
 Raw bits come from the last byte, its lowest bit first. In the end x is 65536."""
     note = textwrap.fill(note, 110, break_long_words=False, break_on_hyphens=False)
