@@ -1,4 +1,4 @@
-"""Entropy coding with fixed frequencies (SPEC 9.4). kernels/ implements the same in C.
+"""Entropy coding (SPEC 9.4). kernels/ implements the same in C.
 
 Symbols are read from the front of the coded bytes, raw bits from their back. The encoder collects
 symbols in sections, in the order of the decoder. Then it codes them from the last to the first.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -50,6 +51,16 @@ ROWS = (
     (-6, 38, 0, 0), (16, 24, -1, 0), (64, 24, 0, 0), (0, 14, 0, 1),
 )  # fmt: skip
 """Shape, scale, zeros and half of each class, chosen to suit prediction errors of sensors."""
+
+QUIET = 2
+"""Bits an integer: sections that take more are not tried by bits, which take longer to decode."""
+
+FAST, SLOW = 5, 7
+"""How slowly models learn at most: by a 32nd or a 128th of what they lack."""
+
+NEAR, LOUD, KINDS, PLAIN = 9, 12, 36, 3
+"""Contexts by the two magnitudes before, and by an average; kinds of magnitudes, by size; those
+that are one magnitude."""
 
 OUT_OF_RANGE = "an index beyond 2^32, or a prediction error of 2^34 or more"
 
@@ -135,6 +146,64 @@ class Averages:
         self.s += 3 * (mean - self.s) // 16
 
 
+@dataclass
+class Model:
+    """How probable it is that a flag is 1, in 65536ths, learnt from the flags before."""
+
+    p: int = 32768
+    n: int = 0
+
+    def learn(self, bit: int, limit: int) -> None:
+        t = min((self.n + 2).bit_length() - 1, limit)
+        self.p += (65535 - self.p) >> t if bit else -(self.p >> t)
+        self.n += 1
+
+
+def flag_width(models: Sequence[Model]) -> int:
+    """How many of the 4096 mean that a flag is 1, by one model or two."""
+    return sum(model.p for model in models) // (16 * len(models))
+
+
+def learn_flag(models: Sequence[Model], bit: int) -> None:
+    """The first of two models learns fast, any other slowly."""
+    for model, limit in zip(reversed(models), (SLOW, FAST), strict=False):
+        model.learn(bit, limit)
+
+
+class Models:
+    """What a section of integers by bits has learnt."""
+
+    def __init__(self) -> None:
+        self.near = [defaultdict[int, Model](Model) for _ in range(NEAR)]
+        self.loud = [defaultdict[int, Model](Model) for _ in range(LOUD)]
+        self.halves = defaultdict[int, Model](Model)
+        self.signs = (Model(), Model(), Model())
+        self.a = self.b = self.s = self.d = 0
+
+    def size(self) -> tuple[defaultdict[int, Model], defaultdict[int, Model]]:
+        """The models of the next magnitude, for each kind."""
+        g = 2 * self.a + self.b
+        i = g if g < PLAIN else min(1 + g.bit_length(), NEAR - 1)
+        return self.near[i], self.loud[min(self.s.bit_length(), LOUD - 1)]
+
+    def half(self, kind: int) -> tuple[Model]:
+        return (self.halves[kind],)
+
+    def sign(self) -> tuple[Model]:
+        return (self.signs[self.d],)
+
+    def learn(self, number: int) -> None:
+        u = abs(number)
+        if number:
+            self.d = 1 + (number < 0)
+        self.b, self.a = self.a, u
+        self.s += (64 * u - self.s) // 8
+
+
+def kind_of(u: int) -> int:
+    return u if u < PLAIN else 1 + (u - 1).bit_length()
+
+
 @dataclass(frozen=True)
 class Lengths:
     """How frequent each bit length is, from the first one on: integers of few kinds of length."""
@@ -171,15 +240,6 @@ class Lengths:
             sums += weight
             ends.append(i + 1 + (SCALE - n) * sums // total)
         return tuple(ends)
-
-    def cost(self, numbers: Iterable[int]) -> int:
-        """256 times the bits of integers, without signs, and of the table."""
-        total = 2048 * (2 + len(self.weights))
-        for e in numbers:
-            length = abs(e).bit_length()
-            first, end = share_of(self.ends, length - self.first)
-            total += int(256 * log2(SCALE / (end - first)) + 0.5) + 256 * max(length - 1, 0)
-        return total
 
 
 class Decoder:
@@ -284,10 +344,11 @@ class Decoder:
             w = (1 << length) + self.raw(length) + EDGES[ESCAPE] - 1
             u = w << h if w >> (ERROR_BITS - h) else w << h | self.raw(h)
         if u >> ERROR_BITS:
-            raise FormatError(
-                "a magnitude of 2^34 or more", requirement="RNG-003", offset=self.place
-            )
+            raise self.too_large()
         return u
+
+    def too_large(self) -> FormatError:
+        return FormatError("a magnitude of 2^34 or more", requirement="RNG-003", offset=self.place)
 
     def by_length(self, lengths: Lengths, *, signs: bool) -> int:
         """An integer of a section of lengths."""
@@ -296,6 +357,35 @@ class Decoder:
         e = -u if signs and u and self.raw(1) else u
         self.check()
         return e
+
+    def flag(self, *models: Model) -> int:
+        width = flag_width(models)
+        bit = self.symbol((SCALE - width, SCALE))
+        learn_flag(models, bit)
+        return bit
+
+    def by_bits(self, count: int, *, signs: bool) -> array[int]:
+        """A section of integers by bits."""
+        self.section()
+        found, models = array("q"), Models()
+        for _ in range(count):
+            near, loud = models.size()
+            k = 0
+            while not self.flag(near[k], loud[k]):
+                k += 1
+                if k == KINDS:
+                    self.check()
+                    raise self.too_large()
+            u = k
+            if k >= PLAIN:
+                u = (2 + self.flag(*models.half(k)) << k - PLAIN) + 1 + self.raw(k - PLAIN)
+            if u >> ERROR_BITS:
+                raise self.too_large()
+            negative = signs and u and self.flag(*models.sign())
+            self.check()
+            found.append(-u if negative else u)
+            models.learn(found[-1])
+        return found
 
     def signed(self, magnitudes: array[int], probabilities: bytes) -> array[int]:
         """With a section of signs, each with the probability of the sign before it."""
@@ -453,6 +543,48 @@ def put_integers(coder: Encoder, numbers: Sequence[int], *, signs: bool) -> tupl
     return number, start
 
 
+@dataclass
+class ByBits:
+    """A section of integers by bits, not written yet."""
+
+    shares: list[tuple[int, int]] = field(default_factory=list)
+    raw: list[tuple[int, int]] = field(default_factory=list)
+    """Raw bits: a value, and how many of its lowest bits."""
+
+    cost: int = 0
+    """256 times the bits."""
+
+    @classmethod
+    def of(cls, numbers: Iterable[int], *, signs: bool) -> ByBits:
+        found, models = cls(), Models()
+        for e in numbers:
+            u, (near, loud) = abs(e), models.size()
+            kind = kind_of(u)
+            for k in range(kind + 1):
+                found.flag(k == kind, near[k], loud[k])
+            if kind >= PLAIN:
+                rest = kind - PLAIN
+                found.flag(bool((u - 1) >> rest & 1), *models.half(kind))
+                found.raw.append((u - 1, rest))
+                found.cost += 256 * rest
+            if signs and u:
+                found.flag(e < 0, *models.sign())
+            models.learn(e)
+        return found
+
+    def flag(self, bit: bool, *models: Model) -> None:
+        middle = SCALE - flag_width(models)
+        first, end = (middle, SCALE) if bit else (0, middle)
+        self.shares.append((first, end))
+        self.cost += int(256 * log2(SCALE / (end - first)) + 0.5)
+        learn_flag(models, bit)
+
+    def put(self, coder: Encoder) -> None:
+        coder.section(self.shares)
+        for value, bits in self.raw:
+            coder.raw(value, bits)
+
+
 def put_bits(coder: Encoder, bits: Sequence[int]) -> bytes:
     """A section of bits, and the probabilities that suit them."""
     counts, contexts, recent = [[0, 0] for _ in range(4)], [], 0
@@ -474,6 +606,9 @@ class Signs:
     pay: bool
     """Whether they take less than raw bits would."""
 
+    cost: int
+    """256 times the bits of the way that takes less."""
+
     @classmethod
     def of(cls, numbers: Iterable[int]) -> Signs:
         counts, marks, last = [[0, 0] for _ in range(3)], [], 0
@@ -487,7 +622,8 @@ class Signs:
             zeros * bit_cost(256 - q) + ones * bit_cost(q)
             for (zeros, ones), q in zip(counts, p, strict=True)
         )
-        return cls(marks, p, cost < 256 * len(marks))
+        raw = 256 * len(marks)
+        return cls(marks, p, cost < raw, min(cost, raw))
 
     def put(self, coder: Encoder) -> None:
         coder.section(share_of(bit_ends(self.probabilities[c]), bit) for c, bit in self.marks)

@@ -17,20 +17,9 @@ from ..errors import FormatError, TruncatedError
 from ..kernels import compiled
 from ..limits import Level
 from ..numbers import VARINT_SIZE, build_svarint, build_varint, parse_varint
-from .entropy import (
-    ERROR_BITS,
-    LENGTHS,
-    START_MOST,
-    Decoder,
-    Encoder,
-    Lengths,
-    Signs,
-    class_cost,
-    put_by_length,
-    put_integers,
-)
+from .entropy import ByBits, Decoder, Encoder
 from .grids import UNIT_GRID, LpcParameters, levels_of
-from .predicted import FOUR_STATES, INDEX_LIMIT, NO_ROOM, SIGN_CONTEXTS, SIGNS, check_index
+from .predicted import INDEX_LIMIT, NO_ROOM, check_index
 
 
 def parse_varints(data: bytes, offset: int) -> NDArray[np.int64]:
@@ -215,9 +204,6 @@ def check_ticks(
 GAP_BITS = 24
 """A gap of 2^24 ticks is the longest within a packet of any level."""
 
-BY_LENGTH = 64
-"""Bit in the mode of a row: the lengths of its numbers are coded, with their own frequencies."""
-
 NO_KNOTS = "ticks that do not ascend, or a gap beyond 2^24, or an index beyond 2^32"
 """What an encoder must not ask for."""
 
@@ -225,7 +211,6 @@ STATUS = {
     2: ("RNG-003", "a magnitude of 2^34 or more"),
     3: ("LPC-003", "index beyond the grid"),
     4: ("RNG-001", "the coded bytes do not end with their packet"),
-    6: ("RNG-004", "a coding that is not defined"),
     8: ("KTE-004", "more knots than the ticks left"),
 }
 """What the compiled loop returns, as the readable one says it."""
@@ -254,27 +239,12 @@ def encode_loop(
     ticks: NDArray[np.int64], indices: NDArray[np.int64], interpolation: Interpolation
 ) -> bytes:
     """The coded bytes; kernels/ has the same in C."""
-    coder = Encoder()
+    coder = Encoder(many_pay=False)
     gaps = (np.diff(ticks) - 1).tolist()
     differences = np.diff(indices, axis=0).T.ravel().tolist()
-    signs = Signs.of(differences)
-    first = put_row(coder, gaps[:-1] if interpolation == "linear" else gaps, signs=False)
-    second = put_row(coder, differences, signs=not signs.pay)
-    if signs.pay:
-        signs.put(coder)
-    first[0] |= coder.many * FOUR_STATES
-    second[0] |= signs.pay * SIGNS
-    marks = signs.probabilities if signs.pay else b""
-    return bytes(first) + bytes(second) + marks + coder.finish()
-
-
-def put_row(coder: Encoder, numbers: list[int], *, signs: bool) -> bytearray:
-    """A section in the way that takes less; its coding without flags."""
-    lengths = Lengths.of(numbers)
-    if lengths.cost(numbers) < class_cost(numbers):
-        put_by_length(coder, numbers, lengths, signs=signs)
-        return bytearray([BY_LENGTH]) + lengths.build()
-    return bytearray(put_integers(coder, numbers, signs=signs))
+    ByBits.of(gaps[:-1] if interpolation == "linear" else gaps, signs=False).put(coder)
+    ByBits.of(differences, signs=True).put(coder)
+    return coder.finish()
 
 
 def encode_compiled(
@@ -352,48 +322,11 @@ def decode_numbers(
     data: bytes, further: int, components: int, offset: int, *, linear: bool
 ) -> tuple[array[int], array[int], int]:
     """Gaps less 1, differences component by component, and where the coder ended."""
-    first, at = parse_row(data, 128 | SIGNS, offset)
-    second, stop = parse_row(data[at:], 128 | FOUR_STATES, offset)
-    start = at + stop
-    coder = Decoder(data[start:], offset + start, 4 if first.coding & FOUR_STATES else 1)
-    gaps = first.decode(coder, further - linear, signs=False)
-    differences = second.decode(coder, further * components, signs=not second.signs)
-    if second.signs:
-        differences = coder.signed(differences, second.signs)
+    coder = Decoder(data, offset, 1)
+    gaps = coder.by_bits(further - linear, signs=False)
+    differences = coder.by_bits(further * components, signs=True)
     coder.finish()
     return gaps, differences, coder.place
-
-
-@dataclass(frozen=True)
-class RowCoding:
-    """How a row of numbers is coded: by a class, or by their lengths; probabilities of signs."""
-
-    coding: int
-    start: int
-    lengths: Lengths | None
-    signs: bytes
-
-    def decode(self, coder: Decoder, count: int, *, signs: bool) -> array[int]:
-        if self.lengths is None:
-            return coder.integers(count, self.coding & 15, self.start, signs=signs)
-        coder.section()
-        return array("q", (coder.by_length(self.lengths, signs=signs) for _ in range(count)))
-
-
-def parse_row(data: bytes, unused: int, offset: int) -> tuple[RowCoding, int]:
-    """And where it ends; ``unused``: bits that are 0."""
-    coding, start = data[:2].ljust(2, b"\xff")
-    lengths, stop = None, 2
-    wrong = coding & unused or start > START_MOST
-    if coding & BY_LENGTH:
-        lengths = Lengths.parse(data[1:])
-        stop = 1 + len(lengths.build()) if lengths else 0
-        most = lengths.first + len(lengths.weights) if lengths else LENGTHS
-        wrong = coding & (unused | 15) or most > ERROR_BITS + 1
-    marks = data[stop : stop + SIGN_CONTEXTS] if coding & SIGNS else b""
-    if wrong or not all(marks) or (coding & SIGNS and len(marks) < SIGN_CONTEXTS):
-        raise FormatError("a coding that is not defined", requirement="RNG-004", offset=offset)
-    return RowCoding(coding, start, lengths, marks), stop + len(marks)
 
 
 def decode_coded_knots(

@@ -20,7 +20,18 @@ from ..errors import FormatError, TruncatedError
 from ..kernels import compiled
 from ..limits import Level
 from ..numbers import build_svarint, build_varint, parse_svarint, parse_varint, rdiv
-from .entropy import OUT_OF_RANGE, START_MOST, Decoder, Encoder, Signs, put_bits, put_integers
+from .entropy import (
+    OUT_OF_RANGE,
+    QUIET,
+    START_MOST,
+    ByBits,
+    Decoder,
+    Encoder,
+    Signs,
+    class_cost,
+    put_bits,
+    put_integers,
+)
 from .grids import UNIFORM, LpcParameters
 
 SINES = (
@@ -89,8 +100,9 @@ def parse_references(
 
 ORDER_LIMIT, DIFFERENCE_LIMIT = 32, 4
 REPEATS, CONSTANT, REFERENCES, UNUSED = 8, 16, 64, 160
-FOUR_STATES, SIGNS, UNUSED_CODING = 16, 32, 192
-"""Bits of the byte before the coded bytes; its lowest four bits are the class."""
+FOUR_STATES, SIGNS, BY_BITS, UNUSED_CODING = 16, 32, 64, 192
+"""Bits of the byte before the coded bytes; its lowest four bits are the class. BY_BITS stands
+alone."""
 
 REPEAT_CONTEXTS, SIGN_CONTEXTS = 4, 3
 STEP_UP_LIMIT = 1 << 36
@@ -239,6 +251,13 @@ def encode_coded(
         errors = errors[np.concatenate(([0], same)) == 0]
     numbers = errors.tolist()
     signs = Signs.of(numbers)
+    cost = class_cost(numbers) + signs.cost
+    if cost <= 256 * QUIET * len(numbers):
+        learnt = ByBits.of(numbers, signs=True)
+        if learnt.cost < cost:
+            coder.many_pay = False
+            learnt.put(coder)
+            return bytes([BY_BITS]) + repeats + coder.finish()
     number, start = put_integers(coder, numbers, signs=not signs.pay)
     if signs.pay:
         signs.put(coder)
@@ -326,7 +345,10 @@ def decode_coded(
     coding, repeats, signs, start = parse_coding(data, predictor, offset)
     coder = Decoder(data[start:], offset + start, 4 if coding & FOUR_STATES else 1)
     same = b"\0" + coder.bits(span - 1, repeats) if predictor.repeats else bytes(span)
-    errors = coder.integers(same.count(0), coding & 15, data[1], signs=not signs)
+    if coding == BY_BITS:
+        errors = coder.by_bits(same.count(0), signs=True)
+    else:
+        errors = coder.integers(same.count(0), coding & 15, data[1], signs=not signs)
     if signs:
         errors = coder.signed(errors, signs)
     coder.finish()
@@ -359,12 +381,13 @@ def parse_coding(data: bytes, predictor: Predictor, offset: int) -> tuple[int, b
     """The byte that says how symbols are coded, the probabilities of repeats and of signs, and
     where the coded bytes begin."""
     coding = data[0] if data else UNUSED_CODING
-    middle = 2 + REPEAT_CONTEXTS * predictor.repeats
+    first = 1 if coding == BY_BITS else 2
+    middle = first + REPEAT_CONTEXTS * predictor.repeats
     stop = middle + (SIGN_CONTEXTS if coding & SIGNS else 0)
-    wrong = coding & UNUSED_CODING or len(data) < stop or data[1] > START_MOST
-    if wrong or not all(data[2:stop]):
+    wrong = first == 2 and (coding & UNUSED_CODING or data[1:2] > bytes([START_MOST]))
+    if wrong or len(data) < stop or not all(data[first:stop]):
         raise FormatError("a coding that is not defined", requirement="RNG-004", offset=offset)
-    return coding, data[2:middle], data[middle:stop], stop
+    return coding, data[first:middle], data[middle:stop], stop
 
 
 def check_index(index: int, limit: int, offset: int) -> None:

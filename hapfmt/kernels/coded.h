@@ -21,18 +21,39 @@ static inline uint8_t *with_margins(const void *bytes, int64_t size)
     return copy;
 }
 
-/* Where a packet is made: codes of its symbols and their words, three for each number and a few, and the numbers. */
+/* Where a packet is made: codes of its symbols and their words, three for each number and a few to begin
+   with, and the numbers. */
 typedef struct {
     uint16_t *codes, *words;
-    int64_t *errors;
+    int64_t *errors, room;
 } workshop;
 
 static inline int workshop_open(workshop *w, int64_t span)
 {
-    w->codes = malloc((size_t)(2 * (3 * span + 8)));
-    w->words = malloc((size_t)(2 * (3 * span + 16)));
+    w->room = 3 * span + 8;
+    w->codes = malloc((size_t)(2 * w->room));
+    w->words = malloc((size_t)(2 * (w->room + 2 * LANES_MOST)));
     w->errors = malloc((size_t)(8 * (span + 1)));
     return w->codes && w->words && w->errors;
+}
+
+/* Room for more codes of an encoder that writes here. */
+static inline int workshop_grow(workshop *w, encoder *e, int64_t more)
+{
+    int64_t room = 2 * w->room + more;
+    uint16_t *codes = realloc(w->codes, (size_t)(2 * room)), *words;
+    if (!codes) return 0;
+    e->codes = w->codes = codes;
+    words = realloc(w->words, (size_t)(2 * (room + 2 * LANES_MOST)));
+    if (!words) return 0;
+    w->words = words;
+    w->room = room;
+    return 1;
+}
+
+INLINE int workshop_room(workshop *w, encoder *e, int64_t more)
+{
+    return e->noted + more <= w->room || workshop_grow(w, e, more);
 }
 
 static inline void workshop_close(workshop *w)
@@ -57,8 +78,8 @@ static inline int put_bits(share *shares, uint8_t *out, const int64_t *counts, i
     return contexts;
 }
 
-/* Whether probabilities of signs save more than they take; how many there are of each. */
-static inline int signs_pay(const int64_t *numbers, int64_t count, int64_t *counts)
+/* Whether probabilities of signs save more than they take; how many there are of each; 256 times the bits. */
+static inline int signs_pay(const int64_t *numbers, int64_t count, int64_t *counts, int64_t *least)
 {
     int64_t cost = 256 * 8 * SIGN_CONTEXTS, raw = 0;
     int last = 0;
@@ -74,6 +95,7 @@ static inline int signs_pay(const int64_t *numbers, int64_t count, int64_t *coun
         raw += zeros + ones;
         cost += zeros * bit_cost(256 - p) + ones * bit_cost(p);
     }
+    *least = cost < 256 * raw ? cost : 256 * raw;
     return cost < 256 * raw;
 }
 

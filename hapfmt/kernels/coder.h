@@ -167,7 +167,8 @@ typedef struct {
     int tail_bits;
 } encoder;
 
-enum { SECTION = 0xFFFF };
+/* A code with the bit FLAG has its share within: a bit, and how many of the 4096 a 1 has. */
+enum { SECTION = 0xFFFF, FLAG = 0x8000 };
 
 INLINE void encoder_init(encoder *e, uint16_t *codes, uint8_t *out, int64_t size)
 {
@@ -176,6 +177,8 @@ INLINE void encoder_init(encoder *e, uint16_t *codes, uint8_t *out, int64_t size
 }
 
 INLINE void note(encoder *e, int code) { e->codes[e->noted++] = (uint16_t)code; }
+
+INLINE int64_t raw_bits(const encoder *e) { return 8 * e->back + e->tail_bits; }
 
 static inline void put_back(encoder *e)
 {
@@ -214,8 +217,16 @@ INLINE uint32_t absorb(uint32_t x, share s, uint16_t **words)
     return (q << SCALE_BITS) + (x - q * s.width) + s.first;
 }
 
-/* The coded bytes into ``out``: how many, or how many it takes. ``words``: as many as symbols, and eight. */
-static inline int64_t encoder_finish(encoder *e, const share *shares, int lanes, uint16_t *words)
+INLINE share flag_share(int code)
+{
+    int bit = code >> SCALE_BITS & 1, width = code & (SCALE - 1);
+    share s = {(uint16_t)(bit ? SCALE - width : 0), (uint16_t)(bit ? width : SCALE - width)};
+    return s;
+}
+
+/* The coded bytes into ``out``: how many, or how many it takes. ``words``: as many as symbols, and eight.
+   ``flags``: there are codes with FLAG. */
+INLINE int64_t encoder_finish_as(encoder *e, const share *shares, int lanes, uint16_t *words, int flags)
 {
     uint32_t x[LANES_MOST];
     uint16_t *end = words + e->noted + 2 * LANES_MOST, *at = end;
@@ -226,7 +237,8 @@ static inline int64_t encoder_finish(encoder *e, const share *shares, int lanes,
         while (e->codes[first] != SECTION) first--;
         for (int64_t i = last - 1; i > first; i--) {
             int lane = (int)(i - first - 1) & (lanes - 1);
-            x[lane] = absorb(x[lane], shares[e->codes[i]], &at);
+            int code = e->codes[i];
+            x[lane] = absorb(x[lane], flags && code & FLAG ? flag_share(code) : shares[code], &at);
         }
         last = first;
     }
@@ -244,6 +256,11 @@ static inline int64_t encoder_finish(encoder *e, const share *shares, int lanes,
         memmove(e->out + front, e->out + e->size - e->back, (size_t)e->back);
     }
     return front + e->back;
+}
+
+static inline int64_t encoder_finish(encoder *e, const share *shares, int lanes, uint16_t *words)
+{
+    return encoder_finish_as(e, shares, lanes, words, 0);
 }
 
 #endif

@@ -4,11 +4,12 @@
    has at most 34 bits. A tick is below the span before anything is written. */
 #include "kernels.h"
 
-#include "coded.h"
+#include "flags.h"
 #include "lines.h"
 
-enum { BAD_TICK = 8, SIGNS_LATER = 32, FOUR = 16, BY_LENGTH = 64 };
+enum { BAD_TICK = 8 };
 static const int64_t FARTHEST = (int64_t)1 << 48; /* ticks whose differences do not overflow */
+static const int64_t LONGEST_GAP = (int64_t)1 << 33;
 
 /* ---- decoding ---- */
 
@@ -19,67 +20,17 @@ typedef struct {
     int linear;
 } knot_plan;
 
-/* How a row of numbers is coded: by a class, or by their lengths. */
-typedef struct {
-    int class, start, lanes, signs, by_length;
-    uint8_t sign[SIGN_CONTEXTS];
-    length_table lengths;
-} row_coding;
-
-/* How many bytes it takes; 0 where it is not defined. ``unused``: bits that are 0. */
-static int64_t take_row(const uint8_t *in, int64_t size, int unused, row_coding *r)
-{
-    int64_t head = 2;
-    if (size < 2 || in[0] & unused) return 0;
-    r->class = in[0] & 15;
-    r->lanes = in[0] & FOUR ? 4 : 1;
-    r->signs = in[0] & SIGNS_LATER ? LATER_SIGNS : RAW_SIGNS;
-    r->by_length = in[0] & BY_LENGTH;
-    r->start = in[1];
-    if (r->by_length) {
-        int64_t taken = r->class ? 0 : take_lengths(in + 1, size - 1, &r->lengths);
-        if (!taken || r->lengths.first + r->lengths.count > ERROR_BITS + 1) return 0;
-        head = 1 + taken;
-    } else if (r->start > START_MOST)
-        return 0;
-    if (r->signs == LATER_SIGNS) {
-        if (size < head + SIGN_CONTEXTS || !in[head] || !in[head + 1] || !in[head + 2]) return 0;
-        memcpy(r->sign, in + head, SIGN_CONTEXTS);
-        head += SIGN_CONTEXTS;
-    }
-    return head;
-}
-
-static int get_row(decoder *d, const row_coding *r, int64_t count, int signs, int64_t *out)
-{
-    int status = DONE, lane = 0;
-    if (!r->by_length) return get_integers(d, r->class, r->start, count, out, signs);
-    for (int64_t i = 0; i < count && !status; i++) {
-        status = get_length(d, &r->lengths, lane, signs, out + i);
-        lane = (lane + 1) & (d->lanes - 1);
-    }
-    return status;
-}
-
 /* ``numbers``: gaps and then differences, component by component. */
 static int get_knots(uint8_t *in, int64_t size, const knot_plan *p, int64_t *numbers, int64_t *taken)
 {
     int64_t gaps = p->further - p->linear, differences = p->further * p->shape.components;
-    row_coding first, second;
     decoder d;
-    *taken = 0;
-    int64_t head = take_row(in, size, 128 | SIGNS_LATER, &first), more = 0;
-    if (head) more = take_row(in + head, size - head, 128 | FOUR, &second);
-    if (!more) return BAD_CODING;
-    head += more;
-    decoder_init(&d, in, head, size, first.lanes);
+    decoder_init(&d, in, 0, size, 1);
     int status = overrun(&d) ? BAD_END : DONE;
-    if (!status) status = get_row(&d, &first, gaps, UNSIGNED, numbers);
-    if (!status) status = get_row(&d, &second, differences, second.signs, numbers + gaps);
-    if (!status && second.signs == LATER_SIGNS)
-        status = get_signs(&d, second.sign, differences, numbers + gaps);
+    if (!status) status = get_by_bits(&d, gaps, numbers, UNSIGNED);
+    if (!status) status = get_by_bits(&d, differences, numbers + gaps, RAW_SIGNS);
     if (!status) status = check_end(&d);
-    *taken = head + front_taken(&d);
+    *taken = front_taken(&d);
     return status;
 }
 
@@ -173,41 +124,6 @@ static PyObject *coded_knots_decode(PyObject *self, PyObject *args)
 
 /* ---- encoding ---- */
 
-enum { ROW_CODES = BITS, SIGN_PLACES = 2 * ROW_CODES };
-enum { ROW_HEAD = 3 + LENGTHS + SIGN_CONTEXTS, HEAD = 2 * ROW_HEAD };
-
-/* Notes a row of numbers in the way that takes less; the byte of its coding without flags, -1 where a
-   number has no code. *head: bytes that follow it in ``out``. */
-static int put_row(encoder *e, const int64_t *in, int64_t count, int signs, int codes, share *shares,
-                   uint8_t *out, int64_t *head)
-{
-    histogram seen = {{0}}, again = {{0}};
-    int64_t lengths[LENGTHS] = {0}, cost, other;
-    share own[LENGTHS];
-    int start = start_of(in, count);
-    int64_t raw = survey(in, count, start, &seen);
-    if (raw < 0) return -1;
-    int class = best_class(&seen, &cost);
-    for (int64_t i = 0; i < count; i++) lengths[bit_length((uint64_t)(in[i] < 0 ? -in[i] : in[i]))]++;
-    *head = put_lengths(out, own, lengths);
-    other = 2048 * *head;
-    for (int i = 0; i < LENGTHS; i++)
-        if (lengths[i])
-            other += lengths[i] * ((int64_t)floor(256 * log2((double)SCALE / own[i].width) + 0.5) +
-                                   256 * (i ? i - 1 : 0));
-    if (other < cost + 256 * raw + 2048) {
-        memcpy(shares + codes, own, sizeof own);
-        note(e, SECTION);
-        for (int64_t i = 0; i < count; i++) put_length(e, in[i], signs, codes);
-        return BY_LENGTH;
-    }
-    memcpy(shares + codes, hapfmt_classes[class].shares, sizeof hapfmt_classes[class].shares);
-    out[0] = (uint8_t)start;
-    *head = 1;
-    put_integers(e, in, count, start, signs, codes, &again);
-    return class;
-}
-
 /* The coded bytes of knots after the first one; *size: how many. */
 static int encode_knots(const int64_t *ticks, const int64_t *indices, int64_t knots, int64_t components,
                         int linear, uint8_t *out, int64_t room, int64_t *size)
@@ -216,7 +132,9 @@ static int encode_knots(const int64_t *ticks, const int64_t *indices, int64_t kn
     for (int64_t i = 0; i < knots * components; i++)
         if (indices[i] > FARTHEST_INDEX || indices[i] < -FARTHEST_INDEX) return BAD_INDEX;
     for (int64_t k = 0; k < knots; k++)
-        if (ticks[k] < 0 || ticks[k] > FARTHEST || (k && ticks[k] <= ticks[k - 1])) return BAD_TICK;
+        if (ticks[k] < 0 || ticks[k] > FARTHEST ||
+            (k && (ticks[k] <= ticks[k - 1] || ticks[k] - ticks[k - 1] > LONGEST_GAP)))
+            return BAD_TICK;
     workshop w;
     if (!workshop_open(&w, further + differences)) {
         workshop_close(&w);
@@ -228,33 +146,16 @@ static int encode_knots(const int64_t *ticks, const int64_t *indices, int64_t kn
         for (int64_t k = 0; k < further; k++)
             numbers[gaps + c * further + k] = indices[(k + 1) * components + c] - indices[k * components + c];
     encoder e;
-    share shares[SIGN_PLACES + 2 * SIGN_CONTEXTS];
-    uint8_t start[HEAD], *second = start;
-    int64_t signs[2 * SIGN_CONTEXTS], head = 0, more = 0;
-    room = room < HEAD ? 0 : room - HEAD;
-    encoder_init(&e, w.codes, out + HEAD, room);
-    int later = signs_pay(numbers + gaps, differences, signs), other = -1;
-    int way = put_row(&e, numbers, gaps, UNSIGNED, 0, shares, start + 1, &head);
-    if (way >= 0) {
-        second = start + 1 + head;
-        other = put_row(&e, numbers + gaps, differences, later ? UNSIGNED : RAW_SIGNS, ROW_CODES, shares,
-                        second + 1, &more);
-    }
-    int status = other < 0 ? BAD_ERROR : DONE;
-    if (!status) {
-        if (later) note_signs(&e, numbers + gaps, differences, SIGN_PLACES);
-        int four = e.noted >= MANY;
-        start[0] = (uint8_t)(way | FOUR * four);
-        second[0] = (uint8_t)(other | SIGNS_LATER * later);
-        head += 2 + more;
-        if (later) head += put_bits(shares + SIGN_PLACES, start + head, signs, SIGN_CONTEXTS);
-        int64_t coded = encoder_finish(&e, shares, four ? 4 : 1, w.words);
-        *size = coded > room ? coded + HEAD : head + coded;
-        if (coded > room) status = NO_ROOM;
-        else {
-            memmove(out + head, out + HEAD, (size_t)coded);
-            memcpy(out, start, (size_t)head);
-        }
+    int64_t cost;
+    int status = DONE;
+    encoder_init(&e, w.codes, out, room);
+    if (!note_by_bits(&e, &w, numbers, gaps, UNSIGNED, &cost) ||
+        !note_by_bits(&e, &w, numbers + gaps, differences, RAW_SIGNS, &cost))
+        status = NO_MEMORY;
+    else {
+        put_raw_by_bits(&e, numbers, gaps + differences);
+        *size = encoder_finish_flags(&e, NULL, w.words);
+        if (*size > room) status = NO_ROOM;
     }
     workshop_close(&w);
     return status;

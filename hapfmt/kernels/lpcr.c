@@ -5,6 +5,7 @@
 #include "search.h"
 
 class_table hapfmt_classes[CLASSES];
+uint16_t hapfmt_costs[SCALE];
 
 /* Rows of SPEC 9.4: shape, scale, zeros, half. */
 static const int8_t rows[CLASSES][4] = {
@@ -76,6 +77,7 @@ static PyObject *run(PyObject *args, int decoding)
             workshop w;
             memory = workshop_open(&w, p.span);
             if (memory) status = encode(&w, &p, indices.buf, data.buf, data.len, &size);
+            memory = memory && status != NO_MEMORY;
             workshop_close(&w);
         }
         Py_END_ALLOW_THREADS
@@ -246,6 +248,8 @@ PyMethodDef hapfmt_lpcr_methods[] = {
 
 void hapfmt_lpcr_prepare(void)
 {
+    for (int i = 1; i < SCALE; i++)
+        hapfmt_costs[i] = (uint16_t)floor(256 * log2((double)SCALE / i) + 0.5);
     for (int i = 0; i < CLASSES; i++)
         for (int c = 0; c < CONTEXTS; c++) build_context(rows[i], c, hapfmt_classes + i);
 }

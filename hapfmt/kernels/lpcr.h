@@ -9,11 +9,11 @@
 #ifndef HAPFMT_LPCR_H
 #define HAPFMT_LPCR_H
 
-#include "coded.h"
+#include "flags.h"
 
 enum { ORDERS = 32, DIFFERENCES = 4, SHIFT = 13, COEFFICIENT_LIMIT = 1 << 21 };
 enum { RING = 1024, PIECE = 1024, UNROLLED = 12 };
-enum { REPEAT_CONTEXTS = 4, REPEAT_CODES = BITS, SIGN_CODES = BITS + 2 * REPEAT_CONTEXTS };
+enum { REPEAT_CONTEXTS = 4, BY_BITS = 64, REPEAT_CODES = BITS, SIGN_CODES = BITS + 2 * REPEAT_CONTEXTS };
 static const int64_t INDEX_LIMIT = (int64_t)1 << 32, CROSS_LIMIT = (int64_t)1 << 54;
 
 typedef struct {
@@ -25,7 +25,7 @@ typedef struct {
 
 /* How symbols are coded: the byte of SPEC 9.5 that says so, and the probabilities behind it. */
 typedef struct {
-    int class, lanes, signs, start;
+    int by_bits, class, lanes, signs, start;
     uint8_t repeats[REPEAT_CONTEXTS], sign[SIGN_CONTEXTS];
 } coding;
 
@@ -219,8 +219,9 @@ static int synthesise(const plan *p, const uint8_t *same, int64_t *out)
 /* What the coded bytes begin with, and the bytes it takes; 0 where it is not defined. */
 static int take_coding(const uint8_t *in, int64_t size, int repeats, coding *c)
 {
-    int count = 2;
-    if (size < 2 || in[0] >> 6 || in[1] > START_MOST) return 0;
+    c->by_bits = size && in[0] == BY_BITS;
+    int count = c->by_bits ? 1 : 2;
+    if (size < count || (!c->by_bits && (in[0] >> 6 || in[1] > START_MOST))) return 0;
     c->start = in[1];
     c->class = in[0] & 15;
     c->lanes = in[0] & 16 ? 4 : 1;
@@ -273,7 +274,9 @@ static int decode(uint8_t *in, int64_t size, const plan *p, uint8_t *same, int64
         if (fresh < 0) status = (int)-fresh;
     }
     int64_t *errors = out + p->span - fresh;
-    if (!status) status = get_integers(&d, c.class, c.start, fresh, errors, c.signs);
+    if (!status)
+        status = c.by_bits ? get_by_bits(&d, fresh, errors, RAW_SIGNS)
+                           : get_integers(&d, c.class, c.start, fresh, errors, c.signs);
     if (!status && c.signs == LATER_SIGNS) status = get_signs(&d, c.sign, fresh, errors);
     if (!status) status = check_end(&d);
     *taken = head + front_taken(&d);
@@ -355,37 +358,56 @@ INLINE int64_t errors_and_repeats(encoder *e, const plan *p, const int64_t *indi
     return fresh;
 }
 
+/* Sections that take more bits a number than this are not tried by bits: those take longer to decode. */
+enum { QUIET = 2 * 256 };
+
 static int encode(workshop *w, const plan *p, const int64_t *indices, uint8_t *out, int64_t size,
                   int64_t *written)
 {
     enum { HEAD = 2 + REPEAT_CONTEXTS + SIGN_CONTEXTS };
-    encoder e;
+    encoder e, before;
     histogram seen;
     share shares[BITS + 2 * (REPEAT_CONTEXTS + SIGN_CONTEXTS)];
-    int64_t repeats[2 * REPEAT_CONTEXTS] = {0}, signs[2 * SIGN_CONTEXTS];
-    int head = 2, many, later;
+    int64_t repeats[2 * REPEAT_CONTEXTS] = {0}, signs[2 * SIGN_CONTEXTS], cost, more, other;
+    int head = 0, by_bits = 0;
+    uint8_t start[HEAD];
     *written = 0;
     if (!within(indices, p->span, p->limit)) return BAD_INDEX;
     int64_t room = size < HEAD ? 0 : size - HEAD;
     encoder_init(&e, w->codes, out + HEAD, room);
     memset(&seen, 0, sizeof seen);
     int64_t fresh = errors_and_repeats(&e, p, indices, w->errors, repeats), *errors = w->errors;
-    later = signs_pay(errors, fresh, signs);
-    int first = start_of(errors, fresh);
+    int later = signs_pay(errors, fresh, signs, &more), first = start_of(errors, fresh);
+    before = e;
     int status = later ? put_integers(&e, errors, fresh, first, UNSIGNED, 0, &seen)
                        : put_integers(&e, errors, fresh, first, RAW_SIGNS, 0, &seen);
     if (status) return status;
-    if (later) note_signs(&e, errors, fresh, SIGN_CODES);
-    uint8_t start[HEAD];
-    int64_t cost;
     int class = best_class(&seen, &cost);
-    many = e.noted >= MANY;
+    cost += 2048 + 256 * (raw_bits(&e) - raw_bits(&before)) + (later ? more : 0);
+    if (cost <= QUIET * fresh) {
+        int64_t noted = e.noted;
+        if (!note_by_bits(&e, w, errors, fresh, RAW_SIGNS, &other)) return NO_MEMORY;
+        by_bits = other < cost;
+        if (by_bits) {
+            int64_t flags = e.noted - noted;
+            memmove(e.codes + before.noted, e.codes + noted, 2 * (size_t)flags);
+            before.codes = e.codes;
+            before.noted += flags;
+            e = before;
+            put_raw_by_bits(&e, errors, fresh);
+        } else
+            e.noted = noted;
+    }
+    later = later && !by_bits;
+    if (later) note_signs(&e, errors, fresh, SIGN_CODES);
+    int many = !by_bits && e.noted >= MANY;
     memcpy(shares, hapfmt_classes[class].shares, sizeof hapfmt_classes[class].shares);
-    start[0] = (uint8_t)(class | 16 * many | 32 * later);
-    start[1] = (uint8_t)first;
+    start[head++] = (uint8_t)(by_bits ? BY_BITS : class | 16 * many | 32 * later);
+    if (!by_bits) start[head++] = (uint8_t)first;
     if (p->repeats) head += put_bits(shares + REPEAT_CODES, start + head, repeats, REPEAT_CONTEXTS);
     if (later) head += put_bits(shares + SIGN_CODES, start + head, signs, SIGN_CONTEXTS);
-    int64_t coded = encoder_finish(&e, shares, many ? 4 : 1, w->words);
+    int64_t coded = by_bits ? encoder_finish_flags(&e, shares, w->words)
+                            : encoder_finish(&e, shares, many ? 4 : 1, w->words);
     *written = head + coded;
     if (coded > room) { *written = coded + HEAD; return NO_ROOM; }
     memmove(out + head, out + HEAD, (size_t)coded);
