@@ -10,7 +10,7 @@ import { limitsOf } from './limits.js';
 import { describeTracks } from './tracks.js';
 import { walk } from './walk.js';
 
-// What a reader keeps of a file besides samples (LIM-003, clause 17).
+// What a reader keeps of a file besides samples (LIM-003, docs/spec/security.md).
 const ENTRY_BOUND = 2 ** 21;
 const NOTE_BOUND = 2 ** 19;
 
