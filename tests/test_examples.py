@@ -6,12 +6,18 @@ import json
 import re
 import subprocess
 import sys
+from fractions import Fraction
 
 import numpy as np
 import pytest
 from judge import rule
+from spec import EXAMPLES as TEXT_OF_EXAMPLES
 from spec import ROOT, TEXT
 
+from hapfmt.format.cluster import Packet
+from hapfmt.format.track import Component, Track
+from hapfmt.limits import LEVELS
+from hapfmt.reading.decoder import TrackDecoder
 from hapfmt.reading.reader import Reader
 
 EXAMPLES = ROOT / "conformance" / "examples"
@@ -71,6 +77,22 @@ def test_the_file_of_clause_9_is_an_example():
     rows = re.search(r"<!-- example: hold -->\n```\n(.*?)\n```", TEXT, re.S)[1].splitlines()
     data = b"".join(bytes.fromhex(row.partition("  ")[0]) for row in rows)
     assert data == (EXAMPLES / "hold.hapf").read_bytes()
+
+
+ROW = re.compile(r"^\| `(QUAN|MDCT|NOIS)` \| `([0-9A-F ]+)` \| `([0-9A-F ]+)` \| ([-0-9, ]+) \|$", re.M)
+
+
+def test_packets_of_other_codecs_decode_to_their_counts():
+    rows = ROW.findall(TEXT_OF_EXAMPLES)
+    assert {row[0] for row in rows} == {"QUAN", "MDCT", "NOIS"}
+    for codec, parameters, packet, told in rows:
+        counts = [int(count) for count in told.split(", ")]
+        track = Track(
+            0, "full", codec, Fraction(1000), 0, (Component(),), bytes.fromhex(parameters),
+            count_min=-1000, count_max=1000,
+        )  # fmt: skip
+        data = Packet(0, 0, len(counts), bytes.fromhex(packet), 0)
+        assert TrackDecoder(track, LEVELS[1]).decode(data)[:, 0].tolist() == counts
 
 
 def test_every_example_is_listed_and_named_in_the_spec():
