@@ -79,7 +79,9 @@ def test_the_file_of_clause_9_is_an_example():
     assert data == (EXAMPLES / "hold.hapf").read_bytes()
 
 
-ROW = re.compile(r"^\| `(QUAN|MDCT|NOIS)` \| `([0-9A-F ]+)` \| `([0-9A-F ]+)` \| ([-0-9, ]+) \|$", re.M)
+ROW = re.compile(
+    r"^\| `(QUAN|MDCT|NOIS)` \| `([0-9A-F ]+)` \| `([0-9A-F ]+)` \| ([-0-9, ]+) \|$", re.M
+)
 
 
 def test_packets_of_other_codecs_decode_to_their_counts():
