@@ -108,7 +108,7 @@ class TestSections:
     @given(rows, bits, st.data())
     def test_mutated(self, row, marks, data):
         """
-        RNG-001: After the last symbol every state MUST be 65536. The words, the first states included, and the raw bits MUST take up all coded bytes. Fewer than 8 bits are left over between them, and these are 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the batch, or outside batches with the integer or bit, that takes more than there is.
+        RNG-001: After the last symbol every state MUST be 65536. The first states, the words, and the raw bits rounded up to whole bytes MUST take up exactly the coded bytes, and the bits that fill a byte are 0. What is read beyond the coded bytes is 0; a decoder stops at the latest after the batch, or outside batches after the integer or bit, that takes more than there is.
         RNG-003: The magnitude u of an integer by class MUST be less than 2^34.
         """
         whole, p, way, signs, many = coded(row, marks)

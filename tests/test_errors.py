@@ -171,7 +171,7 @@ def test_quantised(fault):
 @each("RNG", "LPC")
 def test_predicted(fault):
     """
-    RNG-001: After the last symbol every state MUST be 65536. The words, the first states included, and the raw bits MUST take up all coded bytes. Fewer than 8 bits are left over between them, and these are 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the batch, or outside batches with the integer or bit, that takes more than there is.
+    RNG-001: After the last symbol every state MUST be 65536. The first states, the words, and the raw bits rounded up to whole bytes MUST take up exactly the coded bytes, and the bits that fill a byte are 0. What is read beyond the coded bytes is 0; a decoder stops at the latest after the batch, or outside batches after the integer or bit, that takes more than there is.
     RNG-003: The magnitude u of an integer by class MUST be less than 2^34.
     RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, `first` + n at most 64, in knots at most 35. At least one weight is more than 0. No x has more than 32 probabilities of ranks (9.7).
     LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them.
