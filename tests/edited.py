@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import uuid
+import zlib
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
@@ -140,7 +141,13 @@ def chunks_of(data: bytes, type_: str) -> list[bytes]:
 
 def described(data: bytes) -> list[bytes]:
     """The payloads of TRAK, their tracks as they are."""
-    return [forge.plain(payload) for payload in chunks_of(data, "TRAK")]
+    found = []
+    for payload in chunks_of(data, "TRAK"):
+        first, at = forge.number_at(payload, 0)
+        size, at = forge.number_at(payload, at)
+        plain = zlib.decompress(payload[at:], -15) if size else payload[at:]
+        found.append(forge.tracks(plain, first=first))
+    return found
 
 
 def by_label(data: bytes) -> dict[tuple[tuple[str, ...], bool], list[tuple[int, int, bytes]]]:

@@ -124,15 +124,12 @@ def many_tracks(size: Size, tlvs: Callable[[int], bytes], packet: bytes, **given
 
     def payload(numbers: range) -> bytes:
         plain = b"".join(f.track(tlvs(i), first_channel=i, **given) for i in numbers)
-        return f.varint(len(plain)) + deflated(plain)
+        return f.varint(numbers[0]) + f.varint(len(plain)) + deflated(plain)
 
     runs = [range(i, min(i + 255, size.tracks)) for i in range(0, size.tracks, 255)]
     rows = [(i, 0, 1, packet) for i in range(size.tracks)]
-    chunks = [("TRAK", payload(run), {"track": run[0]}) for run in runs]
-    return f.closed(
-        head(), *chunks, ("DATA", f.cluster(*rows)),
-        track_count=size.tracks, duration_ns=10**6,
-    )  # fmt: skip
+    chunks = [("TRAK", payload(run)) for run in runs]
+    return f.closed(head(), *chunks, ("DATA", f.cluster(*rows)), duration_ns=10**6)
 
 
 def texts(size: Size) -> bytes:
@@ -190,8 +187,8 @@ def index_entries(size: Size) -> bytes:
     count = ((1 << 24) - 28) // 5 if size is WHOLE else size.chunks
     body = f.file(head(), f.TRACK_0, ("aTTc", b"\1a\0" + bytes(count)))
     payload = f.index([], count=count) + b"HEAD\x08" + b"HEAD\1" * (count - 1)
-    stop = len(body) + f.HEADER + len(payload) + f.FOOT
-    return body + f.chunk("iNDX", payload, 3) + f.chunk("fOOT", f.foot(len(body), stop, 0, 1), 4)
+    index = f.chunk("iNDX", payload, 3)
+    return body + index + f.chunk("fOOT", f.foot(len(index)), 4)
 
 
 def chunks(size: Size, closed: bool = False) -> bytes:
@@ -262,8 +259,8 @@ def events(size: Size) -> bytes:
 def clocks(size: Size) -> bytes:
     """Observations of a clock that does not advance."""
     count = (size.json - 32) // 3
-    observed = f.clock([(0, 0, 0)], count=count) + bytes(3 * (count - 1))
-    return f.closed(head(), f.TRACK_0, ("cLOk", observed, {"track": 0}))
+    observed = f.clock([(0, 0, 0)], count=count, track=0) + bytes(3 * (count - 1))
+    return f.closed(head(), f.TRACK_0, ("cLOk", observed))
 
 
 FIVE = f.svarint(5)

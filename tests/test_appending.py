@@ -127,9 +127,9 @@ class TestClosedFiles:
         intact(path)
 
     def test_ids_come_from_the_file_and_so_does_every_byte_of_its_head(self, tmp_path: Path):
-        """An unknown ancillary TLV, an unknown compatible feature."""
+        """An unknown ancillary TLV, a later minor version."""
         path = tmp_path / "a"
-        head = f.head(f.tlv(2, b"x"), minor=9, compat=5)
+        head = f.head(f.tlv(8, b"x"), minor=9)
         body = b"\0" + bytes(1000)
         path.write_bytes(f.closed(("HEAD", head), f.TRACK_0, f.DATA_0, ("zzzz", body * 9)))
         with open_append(path) as more:
@@ -233,7 +233,7 @@ class TestAgainAndAgain:
 
 
 def test_a_live_writer_lists_every_ten_seconds(tmp_path: Path):
-    """IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before `fOOT`. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`."""
+    """IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before the `fOOT` of a file that passes 64 KiB or 16 chunks. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`."""
     now = [100.0]
     path = tmp_path / "a"
     with create_live(path) as file:

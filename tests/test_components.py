@@ -111,10 +111,10 @@ def salvage(case):
 def clock_chunk(case):
     payload = bytes.fromhex(case["payload"])
     if case["chunk"] == "cMAp":
-        found = parse_map(payload, None, 0)
+        found = parse_map(payload, 0)
         rows = [[large(n) for n in point] for point in found.points]
         return {"clock": found.clock, "points": rows}
-    seen = parse_clock(payload, None, 0)
+    seen = parse_clock(payload, 0)
     rows = [[large(n) for n in row] for row in seen.rows]
     return {"clock": seen.clock, "observations": rows}
 

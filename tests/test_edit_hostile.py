@@ -28,7 +28,7 @@ def chunks(name: str) -> list[forge.Chunk]:
     """(type, payload, rest of the header) of all chunks."""
     data = annotated(made(name), *SCENE)
     return [
-        (c.header.type, c.payload, {"track": c.header.track, "file_id": c.header.file_id})
+        (c.header.type, c.payload, {"file_id": c.header.file_id})
         for c in walk(BytesSource(data), [])
     ]
 
@@ -85,10 +85,8 @@ def test_any_damage_is_refused(name: str, junk: bytes, data: st.DataObject) -> N
 
 def test_an_unknown_residual_of_a_channel_that_is_not_there() -> None:
     """Its codec is not known, so nothing checked that its base exists."""
-    track = forge.trak(kind=2, codec=b"KN_T", base=9, first_channel=1)
-    data = forge.closed(
-        ("HEAD", forge.head()), forge.TRACK_0, ("TRAK", track, {"track": 1}), forge.DATA_0
-    )
+    track = forge.trak(kind=2, codec=b"KN_T", base=9, first_channel=1, first=1)
+    data = forge.closed(("HEAD", forge.head()), forge.TRACK_0, ("TRAK", track), forge.DATA_0)
     for verb in (edit.concat, edit.merge):
         with pytest.raises(hapfmt.UnsupportedError, match=r"Track 1 refers to (track 9|channel 1)"):
             verb([data, data], io.BytesIO(), times="same")

@@ -64,9 +64,9 @@ def test_file_layer(fault):
 def test_head(fault):
     """
     HED-001: `HEAD` MUST be the first chunk. A further `HEAD` chunk has the same payload, byte for byte.
-    HED-002: `HEAD` MUST contain the fixed layout and then whole TLVs.
+    HED-002: `HEAD` MUST contain the fixed layout and then whole TLVs. The value of TLV 2 and of TLV 4 has 16 bytes, the uncertainty is less than 2^63.
     HED-004: `level` MUST be 1 or 2. A reader reports another level as *unsupported*.
-    HED-005: Bytes called `reserved`, here and in every other layout, MUST be 0.
+    HED-005: Bytes called `reserved` MUST be 0, in every layout.
     """
     assert_reported(fault)
 
@@ -74,7 +74,7 @@ def test_head(fault):
 @each("TLV")
 def test_tlv(fault):
     """
-    TLV-001: TLVs MUST be in strictly increasing order of their type, each within its chunk, without bytes left over after the last one.
+    TLV-001: TLVs MUST be in strictly increasing order of their type, at most 65535, each within its chunk, with no bytes after the last one.
     TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. A contract fills its value too. The first entry of a string list is not the byte 255.
     TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
     """
@@ -84,8 +84,8 @@ def test_tlv(fault):
 @each("TRK")
 def test_tracks(fault):
     """
-    TRK-002: There MUST be at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1. All tracks of a chunk together have at most 255 components.
-    TRK-003: Track ids MUST be at most 65533, and a track MUST be described once. A repeated `TRAK` chunk has the same payload, byte for byte.
+    TRK-002: A chunk MUST describe at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1; both numbers of the rate are less than 2^32. All tracks of a chunk together have at most 255 components.
+    TRK-003: Track ids MUST be at most 65533, and a track MUST be described once. A further `TRAK` chunk with the same first track has the same payload, byte for byte.
     TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 12).
     TRK-006: A track whose number format is not counts MUST be of kind full band, with codec `RAWB`. Its count_min and count_max are 0, and it has no calibration and no contract.
     TRK-007: `linked` of an HF track MUST name its base track, an LF track described before it. Both have the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
@@ -93,7 +93,7 @@ def test_tracks(fault):
     TRK-012: In a closed file every track of kind LF MUST be the base of an HF track. An LF part alone is of kind full band.
     TRK-010: Channel numbers MUST be at most 65534, and different for different components; only HF tracks and continued tracks share them. In a closed file they are 0, 1, 2 ... without a hole.
     TRK-016: A track that another continues MUST be of kind full band or LF, described before it under a smaller id, and continued only once. Both have the same component count, channel numbers, rate (as a ratio), number format, and in each component calibration (A, B, D) and unit. All packets of the continued track come before those of the other, in time and within the file. The same order applies to their HF tracks.
-    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` and `linked` 0xFFFF. Of the TLVs of 6.2 it has only 2, 14 and 22. No other kind has that codec.
+    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min, count_max, `first_channel` and `linked` 0. Of the TLVs of clause 8 it has only 2, 14 and 22. No other kind has that codec.
     """
     assert_reported(fault)
 
@@ -120,8 +120,8 @@ def test_index_and_footer(fault):
     IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
     IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
     IDX-006: For a `DATA` chunk `start_ms` MUST be at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
-    FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.
-    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In a `fOOT` that closes the file, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
+    FOT-001: The payload MUST be as long as the layout.
+    FOT-002: `index_distance` MUST be as the table says. In a `fOOT` that closes the file `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """
     assert_reported(fault)
 
@@ -131,7 +131,7 @@ def test_extras(fault):
     """
     MET-001: The payload MUST be one JSON object (RFC 8259) in UTF-8, nested at most 64 deep. Texts are well-formed; numbers are integers, without `.` and exponent, or finite as binary64, of at most 1000 characters each.
     ATT-001: Name and media type MUST lie within the payload, and the name MUST NOT be empty.
-    DGS-001: The payload MUST be a positive multiple of 32 bytes. The tracks are described before it; none is of kind events, since events may be added to a closed file.
+    DGS-001: Whole digests MUST follow the track id, one at least, and fill the payload. The tracks are described before it; none is of kind events, since events may be added to a closed file.
     """
     assert_reported(fault)
 
@@ -172,7 +172,7 @@ def test_quantised(fault):
 def test_predicted(fault):
     """
     RNG-001: After the last symbol every state MUST be 65536. The first states, the words, and the raw bits rounded up to whole bytes MUST take up exactly the coded bytes, and the bits that fill a byte are 0. What is read beyond the coded bytes is 0; a decoder stops at the latest after the batch, or outside batches after the integer or bit, that takes more than there is.
-    RNG-003: The magnitude u of an integer by class MUST be less than 2^34.
+    RNG-003: A magnitude u by class or by bits MUST be less than 2^34, and k by bits at most 35.
     RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, `first` + n at most 64, in knots at most 35. At least one weight is more than 0. No x has more than 32 probabilities of ranks (9.7).
     LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them.
     LPC-002: `grid` MUST be 0 or 1, and `step` at most what the level allows; it may be 0 on the deadband grid only. `zero` is a signed number of 32 bits. `kn` and `kd` are at least 1 and less than 2^16, and `kd` at most 1024 * `kn`.
@@ -222,7 +222,7 @@ def test_clocks(fault):
     """
     CLK-001: The name MUST lie within the payload and not be empty. At least one observation, or two points, follow, and fill the payload.
     CLK-003: Each tick MUST have a magnitude below 2^52, and each time fit an i64. From point to point of a map both grow.
-    CLK-005: The track id MUST be that of a track described before, not of kind events, or 0xFFFF.
+    CLK-005: The track MUST be one described before, not of kind events.
     """
     assert_reported(fault)
 

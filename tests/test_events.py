@@ -65,7 +65,7 @@ def told(data, **asked):
 
 class TestLayer:
     """
-    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min and count_max 0, `first_channel` and `linked` 0xFFFF. Of the TLVs of 6.2 it has only 2, 14 and 22. No other kind has that codec.
+    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min, count_max, `first_channel` and `linked` 0. Of the TLVs of clause 8 it has only 2, 14 and 22. No other kind has that codec.
     EVT-003: `size` and `channel` MUST be at most 65535. In a closed file `channel` is 0 or that of an existing channel, which only verifiers check.
     """
 
@@ -271,7 +271,7 @@ class TestLimits:
 
 class TestDigests:
     """
-    DGS-001: The payload MUST be a positive multiple of 32 bytes. The tracks are described before it; none is of kind events, since events may be added to a closed file.
+    DGS-001: Whole digests MUST follow the track id, one at least, and fill the payload. The tracks are described before it; none is of kind events, since events may be added to a closed file.
     """
 
     def test_none_is_written(self):

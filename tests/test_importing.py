@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import io
-import mmap
 import json
+import mmap
 import os
 import signal
 import subprocess

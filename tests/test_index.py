@@ -39,8 +39,8 @@ from hapfmt.writing.filewriter import FileWriter
 pytestmark = pytest.mark.capped
 
 HEAD = ("HEAD", f.head())
-DATA_AT = 88 + f.HEADER + len(f.TRACK_0[1])
-i64 = st.integers(-(2**63), 2**63 - 1)
+TRACK_AT = 8 + f.HEADER + len(f.head())
+DATA_AT = TRACK_AT + f.HEADER + len(f.TRACK_0[1])
 u64 = st.integers(0, 2**64 - 1)
 
 
@@ -70,12 +70,10 @@ def test_an_index_comes_back(index):
     assert parse_index(data, 2**64, 0) == index
 
 
-@given(
-    st.builds(Foot, u64, st.just(132), st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), i64)
-)
+@given(st.builds(Foot, st.integers(0, 2**32 - 1), u64))
 def test_a_footer_comes_back(foot):
     """
-    FOT-001: The payload MUST be as long as the layout, and `stop_offset` the offset of its own end.
+    FOT-001: The payload MUST be as long as the layout.
     """
     assert build_foot(foot) == f.foot(*foot)
     assert parse_foot(build_foot(foot), 100) == foot
@@ -128,7 +126,7 @@ def two_indexes(**changes) -> bytes:
     given_ = {"previous": first_index, "first": 3} | changes
     last_index = len(out)
     out += f.chunk("iNDX", f.index(rows, **given_), 5)
-    return out + f.chunk("fOOT", f.foot(last_index, len(out) + f.FOOT, 2, 1, 8_000_000), 6)
+    return out + f.chunk("fOOT", f.foot(len(out) - last_index, 8_000_000), 6)
 
 
 class TestChains:
@@ -171,7 +169,7 @@ class TestListing:
     IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
     """
 
-    ROWS = (("HEAD", 8, 0, 0), ("TRAK", 88, 0, 0), ("DATA", DATA_AT, 0, 10**12))
+    ROWS = (("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, 10**12))
 
     def test_true(self):
         assert rule(f.minimal(ahead={"entries": self.ROWS})) == ("intact", None)
@@ -182,7 +180,7 @@ class TestListing:
         assert rule(f.minimal(ahead={"entries": rows})) == ("nonconforming", "IDX-002")
 
     @pytest.mark.parametrize(
-        "row", [("HEAD", 9, 0, 0), ("TRAK", DATA_AT + 1, 0, 0), ("mETa", 200, 0, 0)]
+        "row", [("HEAD", 9, 0, 0), ("TRAK", DATA_AT + 1, 0, 0), ("mETa", DATA_AT + 40, 0, 0)]
     )
     def test_one_too_many(self, row):
         rows = sorted([*self.ROWS, row], key=lambda r: r[1])
@@ -207,17 +205,19 @@ class TestAHint:
         assert samples(bytes(data), start=0) == samples(f.minimal())
 
     @pytest.mark.parametrize("rows", [
-        (("HEAD", 8, 0, 0), ("TRAK", 89, 0, 0), ("DATA", DATA_AT, 0, 10**12)),
-        (("HEAD", 8, 0, 0), ("mETa", 88, 0, 0), ("DATA", DATA_AT, 0, 10**12)),
-        (("TRAK", 88, 0, 0), ("DATA", DATA_AT, 0, 10**12)),
+        (("HEAD", 8, 0, 0), ("TRAK", TRACK_AT + 1, 0, 0), ("DATA", DATA_AT, 0, 10**12)),
+        (("HEAD", 8, 0, 0), ("mETa", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, 10**12)),
+        (("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, 10**12)),
     ])  # fmt: skip
     def test_entries_that_lie(self, rows):
         assert samples(f.minimal(ahead={"entries": rows}), start=0) == samples(f.minimal())
 
-    @pytest.mark.parametrize("at", [159, 161, 88])
+    @pytest.mark.parametrize("at", [DATA_AT - 1, DATA_AT + 1, TRACK_AT])
     def test_a_data_entry_that_lies(self, at):
-        rows = (("HEAD", 8, 0, 0), ("TRAK", 88, 0, 0), ("DATA", at, 0, 10**12))
-        rows = tuple(sorted(set(rows), key=lambda r: r[1])) if at != 88 else (rows[0], rows[2])
+        rows = (("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", at, 0, 10**12))
+        rows = (
+            tuple(sorted(set(rows), key=lambda r: r[1])) if at != TRACK_AT else (rows[0], rows[2])
+        )
         assert samples(f.minimal(ahead={"entries": rows}), start=0) == samples(f.minimal())
 
     @pytest.mark.parametrize("closed", [True, False])
@@ -234,26 +234,47 @@ class TestAHint:
 
 class TestFooter:
     """
-    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In a `fOOT` that closes the file, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
+    FOT-002: `index_distance` MUST be as the table says. In a `fOOT` that closes the file `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """
 
     def test_true(self):
         assert rule(f.minimal()) == ("intact", None)
 
     @pytest.mark.parametrize(
-        ("changes", "id_"),
-        [({"index_offset": 0}, "FOT-002"), ({"index_offset": DATA_AT}, "FOT-002"),
-         ({"data_count": 0}, "FOT-002"), ({"data_count": 2**32 - 1}, "FOT-002"),
-         ({"track_count": 0}, "FOT-002"), ({"duration_ns": 0}, "FOT-002"),
-         ({"duration_ns": f.DURATION_NS + 1}, "FOT-002"), ({"stop_offset": 0}, "FOT-001")],
+        "changes",
+        [{"index_distance": 0}, {"index_distance": 1}, {"index_distance": 2**32 - 1},
+         {"duration_ns": 0}, {"duration_ns": f.DURATION_NS + 1}, {"duration_ns": 2**64 - 1}],
     )  # fmt: skip
-    def test_false(self, changes, id_):
-        assert rule(f.minimal(**changes)) == ("nonconforming", id_)
+    def test_false(self, changes):
+        data = f.minimal(**changes)
+        assert rule(data) == ("nonconforming", "FOT-002")
+        assert samples(data, start=0) == samples(f.minimal())
+
+    def test_of_another_length(self):
+        """
+        FOT-001: The payload MUST be as long as the layout.
+        """
+        body = f.file(HEAD, f.TRACK_0, f.DATA_0)
+        for payload in (bytes(11), bytes(13)):
+            assert rule(body + f.chunk("fOOT", payload, 3)) == ("nonconforming", "FOT-001")
 
     def test_without_an_index(self):
+        """The file is read in order."""
+        data = f.minimal(indexed=False, index_distance=0)
+        assert rule(data) == ("intact", None)
+        assert samples(data, start=0) == samples(f.minimal())
+        assert not open_catalogue(BytesSource(data)).indexed
+        assert rule(f.minimal(indexed=False, index_distance=1)) == ("nonconforming", "FOT-002")
+
+    def test_chunks_behind_the_index(self):
+        """A small file may have an index from before it grew: it is read in order."""
         body = f.file(HEAD, f.TRACK_0, f.DATA_0)
-        foot = f.foot(0, len(body) + f.FOOT, 1, 1, f.DURATION_NS)
-        assert rule(body + f.chunk("fOOT", foot, 3)) == ("nonconforming", "FOT-002")
+        rows = [("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, 10**9)]
+        data = body + f.chunk("iNDX", f.index(rows), 3)
+        data += f.chunk("DATA", f.cluster((0, 4, 4, f.KNOT_DATA)), 4)
+        data += f.chunk("fOOT", f.foot(len(data) - len(body), 8_000_000), 5)
+        assert rule(data) == ("intact", None)
+        assert len(samples(data, start=0)) == 8
 
     def test_closes_the_file(self):
         """
@@ -269,12 +290,12 @@ class TestFooter:
         first = f.minimal()
         out = first + f.chunk("DATA", f.cluster((0, 4, 4, f.KNOT_DATA)), 5)
         at = len(out)
-        rows = [("HEAD", 8, 0, 0), ("TRAK", 88, 0, 0), ("DATA", DATA_AT, 0, 10**9)]
+        rows = [("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, 10**9)]
         rows += [("iNDX", DATA_AT + f.HEADER + len(f.DATA_0[1]), 0, 0)]
         rows += [("fOOT", len(first) - f.FOOT, 0, 0), ("DATA", len(first), 0, 10**9)]
         out += f.chunk("iNDX", f.index(rows), 6)
         assert rule(out)[0] == "damaged"
-        out += f.chunk("fOOT", f.foot(at, len(out) + f.FOOT, 2, 1, 8_000_000), 7)
+        out += f.chunk("fOOT", f.foot(len(out) - at, 8_000_000), 7)
         assert rule(out) == ("intact", None)
         assert len(samples(out)) == 8
 
@@ -294,7 +315,7 @@ def long_file() -> bytes:
 
 class TestWriter:
     """
-    IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before `fOOT`. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`.
+    IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before the `fOOT` of a file that passes 64 KiB or 16 chunks. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`.
     """
 
     def test_an_index_in_4_mib(self, long_file):
@@ -304,6 +325,37 @@ class TestWriter:
         assert all(b - a <= 1 << 22 for a, b in zip([8, *at], at, strict=False))
         assert catalogue.chunks[-2].type == "iNDX"
         assert rule(long_file) == ("intact", None)
+
+    @pytest.mark.parametrize(
+        ("attached", "clusters", "indexed"),
+        [(0, 1, False), (0, 13, False), (0, 14, True), (60_000, 1, False), (66_000, 1, True)],
+    )
+    def test_small_files_have_none(self, attached, clusters, indexed):
+        """HEAD, TRAK and fOOT are chunks too."""
+        out = io.BytesIO()
+        writer = FileWriter(out, file_id=f.FILE_ID)
+        parameters = f.raw_parameters(1)
+        writer.describe([Track(0, "full", "RAWB", Fraction(1000), 0, (Component(),), parameters)])
+        if attached:
+            writer.attach(Attachment("a", "", bytes(attached)))
+        for i in range(clusters):
+            writer.cluster([Packet(0, i, 1, bytes(2))])
+        writer.close()
+        assert (f.SYNC + b"iNDX" in out.getvalue()) == indexed
+        assert open_catalogue(BytesSource(out.getvalue())).indexed == indexed
+        assert rule(out.getvalue()) == ("intact", None)
+
+    def test_exactly_so_large(self):
+        copy = f.HEADER + len(f.head())
+        for size, indexed in [(1 << 16, False), ((1 << 16) + 1, True)]:
+            out = io.BytesIO()
+            writer = FileWriter(out, file_id=f.FILE_ID)
+            writer.attach(
+                Attachment("a", "", bytes(size - writer.offset - f.HEADER - 3 - copy - f.FOOT))
+            )
+            writer.close()
+            assert (f.SYNC + b"iNDX" in out.getvalue()) == indexed
+            assert indexed or len(out.getvalue()) == size
 
     def test_cut_anywhere(self, long_file):
         """What stands before the cut is read, closed or not."""

@@ -24,7 +24,6 @@ from hapfmt.errors import FormatError, HapfmtError
 from hapfmt.format.cluster import Packet, parse_rows, parse_table_head
 from hapfmt.format.source import BytesSource
 from hapfmt.format.track import Component, Track
-from hapfmt.format.wire import NO_TRACK
 from hapfmt.reading import packets
 from hapfmt.reading.opening import open_catalogue
 from hapfmt.reading.reader import Reader
@@ -327,11 +326,11 @@ class TestFalseIndexes:
         before = [("HEAD", f.head()), f.TRACK_0]
         body = f.file(*before, ("aTTc", f.strings("a", "") + inner))
         first = len(body) - len(inner)
-        rows = [("HEAD", 8, 0, 0), ("TRAK", 88, 0, 0)]
+        rows = [("HEAD", 8, 0, 0), ("TRAK", 8 + f.HEADER + len(f.head()), 0, 0)]
         rows += [(kind, first + f.HEADER * i, 0, 9 * (kind == "DATA")) for i in range(count)]
         data = body + f.chunk("iNDX", f.index(rows), 10)
         if closed:
-            data += f.chunk("fOOT", f.foot(len(body), len(data) + f.FOOT, 1, 1, 0), 11)
+            data += f.chunk("fOOT", f.foot(len(data) - len(body)), 11)
         source = Counting(data)
         catalogue = open_catalogue(source)
         with Reader(data) as reader:
@@ -350,7 +349,7 @@ def test_events_beside_samples():
     rows = [(0, 0, 10), (0, 10, 10), (0, 20, 10)]
     out = io.BytesIO()
     writer = FileWriter(out, file_id=f.FILE_ID)
-    layer = Track(2, "events", "EVNT", Fraction(10), NO_TRACK, (Component(label="notes"),), b"")
+    layer = Track(2, "events", "EVNT", Fraction(10), 0, (Component(label="notes"),), b"")
     writer.describe([
         *(Track(i, "full", "RAWB", Fraction(10), i, (Component(),), f.raw_parameters(1),
                 count_min=-128, count_max=127) for i in range(2)),

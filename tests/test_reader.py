@@ -330,7 +330,7 @@ def test_files_that_are_written_are_intact(recording, settings):
     """
     CHK-005: `sequence` MUST be 0 in the first chunk and greater by one in each next chunk.
     IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
-    FOT-002: `index_offset` MUST be the offset of the last `iNDX` chunk before it. In a `fOOT` that closes the file, `data_count` and `track_count` are the numbers of `DATA` chunks and of described tracks in the file. `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
+    FOT-002: `index_distance` MUST be as the table says. In a `fOOT` that closes the file `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     DGS-003: A digest MUST be that of exactly the packets of its track in chunks before it, by sequence numbers.
     """
     file = encoded(recording, settings)
@@ -386,7 +386,7 @@ class TestLimits:
         [
             f.SIGNATURE + f.chunk("HEAD", b"", 0, size=2**32 - 1),
             f.SIGNATURE + f.chunk("HEAD", f.head(), 0, size=2**24),
-            f.file(HEAD, ("TRAK", f.trak(f.tlv(1, b"")[:-2] + b"\xff\xff"))),
+            f.file(HEAD, ("TRAK", f.trak(f.tlv(1, b"")[:-1] + f.varint(2**32)))),
             f.file(HEAD, f.TRACK_0, ("DATA", f.varint(2**32))),
             f.file(HEAD, f.TRACK_0, ("DATA", f.cluster((0, 0, 2**32, f.KNOT_DATA)))),
             f.file(HEAD, f.TRACK_0, ("DATA", f.table([(0, 2**32, 0, 4, 0)]))),
@@ -395,8 +395,8 @@ class TestLimits:
             ),
             f.file(HEAD, f.TRACK_0, ("DATA", f.cluster((0, 0, 4, f.svarint(2**32))))),
             f.minimal(ahead={"count": 2**32 - 1}),
-            f.minimal(data_count=2**32 - 1),
-            f.minimal(index_offset=2**63),
+            f.minimal(duration_ns=2**64 - 1),
+            f.minimal(index_distance=2**32 - 1),
             f.minimal(("aTTc", b"\xff")),
         ],
         ids=range(12),

@@ -22,7 +22,7 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.codecs.noise import decode_within, encode_component
 from hapfmt.codecs.predicted import SINES
-from hapfmt.edit import concat, merge, subset
+from hapfmt.edit import subset
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.synthetic import (
     ORDERS,
@@ -428,34 +428,3 @@ class TestLoudness:
 def test_an_empty_packet_is_silence():
     parameters = Intervals.of(RATE).parameters
     assert encode_component([0, 0, 0], [[1, 2]], parameters, seed=1) == b""
-
-
-def minor(data: bytes) -> int | None:
-    with Reader(data) as reader:
-        return reader.catalogue.head and reader.catalogue.head.minor
-
-
-class TestMinorVersion:
-    """A writer SHOULD state the smallest minor version that has all the file uses."""
-
-    def test_of_what_is_written(self, data):
-        assert minor(data) == 1
-        assert minor(written(channel(force()[:100]), settings=Settings())) == 0
-
-    @pytest.mark.parametrize(("select", "expected"), [("fz", 1), ("still", 0)])
-    def test_a_subset(self, data, select, expected):
-        out = io.BytesIO()
-        subset(data, out, select)
-        assert minor(out.getvalue()) == expected
-
-    def test_a_recovered_file(self, data):
-        out = io.BytesIO()
-        hapfmt.recover(data[:-1], out)
-        assert minor(out.getvalue()) == 1
-
-    @pytest.mark.parametrize(("join", "given"), [(concat, {"gap": 1}), (merge, {"times": "same"})])
-    def test_joined_files(self, data, join, given):
-        plain = written(channel(force()[:100], label="plain"), settings=Settings())
-        out = io.BytesIO()
-        join([plain, data], out, **given)
-        assert minor(out.getvalue()) == 1

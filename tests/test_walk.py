@@ -61,11 +61,11 @@ def slow_walk(data: bytes) -> list[tuple[int, bool]]:
         return int.from_bytes(data[p : p + size], "little")
 
     def valid(p: int, id_: int | None) -> bool:
-        h = data[p : p + 36]
+        h = data[p : p + 32]
         return (
-            len(h) == 36
+            len(h) == 32
             and h[:4] == f.SYNC
-            and zlib.crc32(h[:32]) == number(p + 32, 4)
+            and zlib.crc32(h[:28]) == number(p + 28, 4)
             and h[4:8].isalpha()
             and h[4:8].isascii()
             and size(p) <= 1 << 24
@@ -79,20 +79,20 @@ def slow_walk(data: bytes) -> list[tuple[int, bool]]:
         return number(p + 20, 4)
 
     def payload(p: int) -> bytes:
-        return data[p + 36 : p + 36 + size(p)]
+        return data[p + 32 : p + 32 + size(p)]
 
     def intact(p: int) -> bool:
         whole = len(payload(p)) == size(p)
-        return whole and f.file_crc(payload(p), id_at(p)) == number(p + 28, 4)
+        return whole and f.file_crc(payload(p), id_at(p)) == number(p + 24, 4)
 
     def identify() -> int | None:
         votes: dict[int, int] = {}
         first: dict[int, int] = {}
         at = 0
         while later := [p for p in headers if p >= at]:
-            p, end = later[0], later[0] + 36 + size(later[0])
+            p, end = later[0], later[0] + 32 + size(later[0])
             first.setdefault(id_at(p), p)
-            vote = 36 + size(p) if intact(p) else 0
+            vote = 32 + size(p) if intact(p) else 0
             if data[p + 4 : p + 8] == b"DATA" and not intact(p):
                 vote = held(payload(p), id_at(p))
             votes[id_at(p)] = votes.get(id_at(p), 0) + vote
@@ -117,15 +117,15 @@ def slow_walk(data: bytes) -> list[tuple[int, bool]]:
                 return used
             position, suspect = later[0], None
             continue
-        at, position = position, min(position + 36 + size(position), len(data))
+        at, position = position, min(position + 32 + size(position), len(data))
         sequence = number(at + 16, 4)
         if sequence in seen:
-            suspect = at + 36
+            suspect = at + 32
             continue
         used.append((at, intact(at)))
         if intact(at):
             seen.add(sequence)
-        suspect = None if intact(at) else at + 36
+        suspect = None if intact(at) else at + 32
 
 
 def fast_walk(data: bytes) -> tuple[list[tuple[int, bool]], list[Finding]]:

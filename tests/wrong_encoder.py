@@ -37,7 +37,7 @@ def encode(deed, job, target):
         return 0
     from hapfmt_adapter.verbs import main
 
-    from hapfmt.format.wire import HEADER_SIZE
+    from hapfmt.format.walk import FOOT_SIZE
     from hapfmt.writing import filewriter
 
     build = filewriter.build_index
@@ -48,7 +48,7 @@ def encode(deed, job, target):
     filewriter.build_index = build
     if deed == "no footer":
         path = Path(target)
-        path.write_bytes(path.read_bytes()[: -HEADER_SIZE - 32])
+        path.write_bytes(path.read_bytes()[:-FOOT_SIZE])
     return code
 
 

@@ -641,6 +641,10 @@ def parse_records(plain: bytes, base: int) -> Iterator[tuple[TrackFields, Tlvs, 
 
 def parse_fields(plain: bytes, position: int, base: int) -> tuple[TrackFields, int]:
     """The fields of a track and where they end."""
+    if position + CODEC_STOP > len(plain):
+        raise TruncatedError(
+            "the bytes end within a track", requirement="TLV-001", offset=base + position
+        )
     codec_at = position + 1
     head = plain[position : position + CODEC_STOP]
     rate_num, position = parse_varint(plain, position + CODEC_STOP, base)

@@ -166,7 +166,7 @@ def from_foot(source: ByteSource, chunk: Chunk, limits: Limits) -> Catalogue | N
     offset = index_before(source, catalogue.foot)
     index = header_at(source, offset, file_id) if offset < chunk.offset else None
     if index is None or offset + HEADER_SIZE + index.payload_size != chunk.offset:
-        # A file without an index right before its footer is read in order (SPEC 6.5).
+        # A file without an index right before its footer is read in order (SPEC 11.1).
         return None
     if not learn_listed(catalogue, offset, file_id):
         return None

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
 SYNC = bytes.fromhex("F9488B1C")
-HEADER = struct.Struct("<4s4sQIIHHII")
+HEADER = struct.Struct("<4s4sQIIII")
 SIZE = HEADER.size
 CRC_AT = SIZE - 4
 
@@ -19,8 +19,6 @@ class Part(NamedTuple):
     type: bytes
     file_id: int
     sequence: int
-    track: int
-    flags: int
     payload: bytes
 
 
@@ -102,7 +100,7 @@ def mend_cluster(payload: bytes, file_id: int = 7, sequence: int = 2) -> bytes:
 
 
 def mend_header(data: bytes) -> bytes:
-    """The sync word and the CRC of the first 36 bytes."""
+    """The sync word and the CRC of the first 32 bytes."""
     if len(data) < SIZE:
         return data
     head = SYNC + data[4:CRC_AT]
@@ -116,12 +114,12 @@ def parts_of(data: bytes) -> list[Part]:
     at = 8
     while at < len(data):
         raw = data[at : at + SIZE].ljust(SIZE, b"\0")
-        _, type_, file_id, sequence, size, track, flags, _, _ = HEADER.unpack(raw)
+        _, type_, file_id, sequence, size, _, _ = HEADER.unpack(raw)
         stop = at + SIZE + size
         if stop > len(data) or (stop < len(data) and data[stop : stop + 4] != SYNC):
             found = data.find(SYNC, at + SIZE)
             stop = len(data) if found < 0 else found
-        parts.append(Part(type_, file_id, sequence, track, flags, data[at + SIZE : stop]))
+        parts.append(Part(type_, file_id, sequence, data[at + SIZE : stop]))
         at = stop
     return parts
 
@@ -138,13 +136,11 @@ def build(parts: list[Part]) -> bytes:
             payload = mend_cluster(payload, file_id, sequence)
         elif part.type == b"iNDX":
             index_at = len(out)
-        elif part.type == b"fOOT" and len(payload) == 32:
-            ends = struct.pack("<QQ", index_at, len(out) + SIZE + 32)
-            payload = ends + payload[16:]
-        header = HEADER.pack(
-            SYNC, part.type, file_id, sequence, len(payload), part.track, part.flags,
-            file_crc(payload, file_id), 0,
-        )[:CRC_AT]  # fmt: skip
+        elif part.type == b"fOOT" and len(payload) == 12:
+            distance = len(out) - index_at if index_at else 0
+            payload = struct.pack("<I", distance) + payload[4:]
+        crc = file_crc(payload, file_id)
+        header = HEADER.pack(SYNC, part.type, file_id, sequence, len(payload), crc, 0)[:CRC_AT]
         out += header + zlib.crc32(header).to_bytes(4, "little") + payload
     return bytes(out)
 

@@ -162,10 +162,6 @@ def change_parts(parts: list[Part], rng: random.Random) -> list[Part]:
     elif way == 2 and len(parts) > 1:
         parts.pop(at)
     elif way == 3:
-        parts[at] = part._replace(track=number(rng, part.track) & 0xFFFF)
-    elif way == 4:
-        parts[at] = part._replace(flags=part.flags ^ 1 << rng.randrange(16))
-    elif way == 5:
         parts[at] = part._replace(type=rng.choice((*NAMES, b"xXXx", b"XXXX", b"xXXX")))
     elif part.type == b"DATA" and way < 13:
         rows = rows_of(part.payload)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterable
 
 import forge as f
@@ -49,9 +48,9 @@ OWN_OFFSET = 1 << 40
 """Where an index stands, so that any offset may come before it."""
 
 TABLE = TrackTable()
-TABLE.add(parse_description(f.trak(), 0, LEVELS[1], 0))
-TABLE.add(parse_description(f.trak(component_count=200, first_channel=1), 1, LEVELS[1], 0))
-TABLE.add(parse_description(f.trak(track_count=9, first_channel=300), 2, LEVELS[1], 0))
+TABLE.add(parse_description(f.trak(), LEVELS[1], 0))
+TABLE.add(parse_description(f.trak(component_count=200, first_channel=1, first=1), LEVELS[1], 0))
+TABLE.add(parse_description(f.trak(track_count=9, first_channel=300, first=2), LEVELS[1], 0))
 
 
 def header(data: bytes) -> None:
@@ -81,19 +80,19 @@ def texts(data: bytes) -> None:
 
 
 def tracks(data: bytes) -> None:
-    """First the level and the id of the first track."""
-    if len(data) < 3:
+    """First the level."""
+    if not data:
         return
-    level, first = LEVELS[1 + data[0] % 2], int.from_bytes(data[1:3], "little")
-    found = settled(parse_description, data[3:], first, level, 0)
+    level = LEVELS[1 + data[0] % 2]
+    found = settled(parse_description, data[1:], level, 0)
     if found is None:
         return
     settled(TrackTable().add, found)
     settled(TrackTable().add, found, damaged=True)
     if all(track.unsupported is None for track in found):
         built = build_description(found)
-        assert parse_description(built, first, level, 0) == found
-        assert build_description(parse_description(built, first, level, 0)) == built
+        assert parse_description(built, level, 0) == found
+        assert build_description(parse_description(built, level, 0)) == built
 
 
 def cluster(data: bytes) -> None:
@@ -148,20 +147,20 @@ def events(data: bytes) -> None:
 
 
 def clock(data: bytes) -> None:
-    found = settled(parse_clock, data, 3, AT)
+    found = settled(parse_clock, data, AT)
     if found is not None:
-        parts = list(build_clocks(found.clock, found.rows))
-        assert [row for part in parts for row in parse_clock(part, 3, AT).rows] == found.rows
+        parts = list(build_clocks(*found))
+        assert [row for part in parts for row in parse_clock(part, AT).rows] == found.rows
         assert parts == [data] or len(parts) > 1
         for row in found.rows:
             ClockObservation(found.clock, 0, *row)
 
 
 def clock_map(data: bytes) -> None:
-    found = settled(parse_map, data, None, AT)
+    found = settled(parse_map, data, AT)
     if found is None:
         return
-    assert build_map(found.clock, found.points) == data
+    assert build_map(*found) == data
     whole = ClockMap(found.clock, 0, found.points)
     for tick, time_ns in found.points:
         assert whole.time_ns(tick) == time_ns
@@ -207,9 +206,9 @@ def mend_chunks(data: bytes) -> bytes:
     while 0 <= at <= len(out) - f.HEADER:
         size = int.from_bytes(out[at + 20 : at + 24], "little")
         body = bytes(out[at + f.HEADER : at + f.HEADER + size])
-        if len(body) == size and size < 1 << 16 and out[at + 26] & 1 == 0:
+        if len(body) == size and size < 1 << 16 and out[at + 8] & 1 == 0:
             file_id = int.from_bytes(out[at + 8 : at + 16], "little")
-            out[at + 28 : at + 32] = f.file_crc(body, file_id).to_bytes(4, "little")
+            out[at + 24 : at + 28] = f.file_crc(body, file_id).to_bytes(4, "little")
         out[at : at + f.HEADER] = mend_header(bytes(out[at : at + f.HEADER]))
         at = bytes(out).find(f.SYNC, at + 1)
     return bytes(out)
@@ -217,7 +216,7 @@ def mend_chunks(data: bytes) -> bytes:
 
 def of_head() -> Iterable[bytes]:
     yield f.head()
-    yield f.head(f.tlv(2, b"x"), epoch_uncertainty_ns=5, uuid=bytes(range(16)), level=2)
+    yield f.head(f.tlv(2, bytes(range(16))) + f.epoch(-1, 5) + f.tlv(6, b"x"), level=2)
 
 
 def of_tracks() -> Iterable[bytes]:
@@ -238,8 +237,8 @@ def of_tracks() -> Iterable[bytes]:
         f.trak(f.tlv(1, f.raw_parameters(8)), number_format=5, codec=b"RAWB", count_min=0, count_max=0),
     ]  # fmt: skip
     for payload in plain:
-        yield b"\0\0\0" + payload
-        yield b"\1\5\0" + payload
+        yield b"\0" + payload
+        yield b"\1\5" + payload[1:]
 
 
 def of_cluster() -> Iterable[bytes]:
@@ -296,7 +295,7 @@ PARSERS = [
     Target("tracks", tracks, of_tracks, size=700),
     Target("cluster", cluster, of_cluster, mend_cluster, 400),
     Target("index", index, of_index, size=300),
-    Target("foot", foot, lambda: [f.foot(1, 164, 2, 3, 4), struct.pack("<QQIIq", 2**64 - 1, 132, 0, 0, -1)], size=40),
+    Target("foot", foot, lambda: [f.foot(1, 4), f.foot(2**32 - 1, 2**64 - 1)], size=40),
     Target("metadata", metadata, of_metadata, size=600),
     Target("attachment", attachment, lambda: [f.strings("a.txt", "text/plain") + b"hi", b"\1a\0"], size=300),
     Target("events", events, of_events, size=300),
