@@ -100,8 +100,8 @@ def described(tlvs: bytes = f.HOLD, *more: Any, packet: bytes = f.KNOT_DATA, spa
               start: int = 0, first: int = 0, level: int = 1, **fields: Any) -> bytes:  # fmt: skip
     """A closed file of one series, whose first track has one packet."""
     return f.closed(
-        ("HEAD", f.head(level=level, minor=f.minor_of(fields.get("codec", b"").decode("latin-1")))),
-        ("TRAK", f.trak(tlvs, **fields), {"track": first}),
+        ("HEAD", f.head(level=level)),
+        ("TRAK", f.trak(tlvs, **fields, first=first)),
         ("DATA", f.cluster((first, start, span, packet))),
         *more,
         duration_ns=lasting(start + span, rate_of(fields)),
@@ -119,6 +119,6 @@ def packed(codec: bytes, parameters: bytes, packet: bytes, span: int = 4, **give
 
 
 def series(*chunks: Any, data: Any = DATA, **changes: Any) -> bytes:
-    """HEAD, then TRAK payloads with their first ids, then DATA; closed."""
-    rows = [("TRAK", payload, {"track": number}) for payload, number in chunks]
+    """HEAD, then TRAK payloads of track 0 that get their first ids, then DATA; closed."""
+    rows = [("TRAK", f.varint(number) + payload[1:]) for payload, number in chunks]
     return f.closed(HEAD, *rows, data, **changes)

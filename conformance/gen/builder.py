@@ -9,7 +9,6 @@ import zlib
 Field = tuple[bytes, str]
 SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
 SYNC = bytes.fromhex("F9488B1C")
-HEADER = 36
 COLUMNS = 16
 
 
@@ -23,10 +22,6 @@ def u16(value: int, meaning: str) -> Field:
 
 def u32(value: int, meaning: str) -> Field:
     return struct.pack("<I", value), meaning
-
-
-def i32(value: int, meaning: str) -> Field:
-    return struct.pack("<i", value), meaning
 
 
 def u64(value: int, meaning: str) -> Field:
@@ -76,7 +71,6 @@ class File:
         self.fields: list[Field] = [(SIGNATURE, "signature")]
         self.offsets: dict[str, int] = {}
         self.listed: list[tuple[str, int, int, int]] = []
-        self.data_count = 0
         self.stop_ns = 0
         self.first = self.last_index = 0
 
@@ -92,8 +86,7 @@ class File:
         """A DATA chunk."""
         self.chunk("DATA", cluster(packets, self.file_id, self.sequence), times=times)
 
-    def chunk(self, type_: str, payload: list[Field], track: int = 0xFFFF,
-              times: tuple[int, int] = (0, 0)) -> None:  # fmt: skip
+    def chunk(self, type_: str, payload: list[Field], times: tuple[int, int] = (0, 0)) -> None:
         """``times``: of DATA, the start of its first packet and the end of its last one in ns."""
         body = joined(payload)
         header = [
@@ -102,36 +95,23 @@ class File:
             u64(self.file_id, "file id"),
             u32(self.sequence, f"sequence number {self.sequence}"),
             u32(len(body), f"payload size {len(body)}"),
-            u16(track, "no track" if track == 0xFFFF else f"track {track}"),
-            u16(0, "flags"),
             u32(file_crc(body, self.file_id), "file CRC of the payload"),
         ]
         header.append(u32(zlib.crc32(joined(header)), "CRC-32 of the header"))
         if self.brief:
             about = f"header: {type_}, sequence number {self.sequence}, payload {len(body)} bytes"
-            about += "" if track == 0xFFFF else f", track {track}"
             header = [raw(joined(header), about)]
         self.offsets.setdefault(type_, self.offset)
         self.listed.append((type_, self.offset, *times))
-        self.data_count += type_ == "DATA"
         self.stop_ns = max(self.stop_ns, times[1])
         self.fields += header + payload
         self.sequence += 1
 
-    def head(self, level: int = 1, minor: int = 0) -> None:
-        payload = [
-            u8(1, "major version"),
-            u8(minor, "minor version"),
-            u8(level, "level"),
-            u8(0, "reserved"),
-            u32(0, "incompatible features: none"),
-            u32(0, "compatible features: none"),
-            raw(bytes(16), "no UUID"),
-            i64(0, "epoch: not known"),
-            u64((1 << 64) - 1, "epoch uncertainty: not known"),
-        ]
-        about = f"version 1.{minor}, level {level}, no UUID, epoch not known"
-        self.chunk("HEAD", [raw(joined(payload), about)] if self.brief else payload)
+    def head(self, level: int = 1, tlvs: list[Field] | None = None) -> None:
+        payload = [u8(1, "major version"), u8(0, "minor version"), u8(level, "level")]
+        if self.brief:
+            payload = [raw(joined(payload), f"version 1.0, level {level}")]
+        self.chunk("HEAD", payload + (tlvs or []))
 
     def index(self) -> None:
         """An iNDX of the chunks from the index before it on."""
@@ -157,16 +137,15 @@ class File:
         self.listed, self.first, self.last_index = [], self.sequence, at
         self.chunk("iNDX", payload)
 
-    def close(self, tracks: int) -> None:
-        self.index()
+    def close(self, *, indexed: bool = False) -> None:
+        if indexed:
+            self.index()
+        distance = self.offset - self.last_index if self.last_index else 0
         self.chunk(
             "fOOT",
             [
-                u64(self.last_index, f"index at offset {self.last_index}"),
-                u64(self.offset + HEADER + 32, "offset of the end of this chunk"),
-                u32(self.data_count, "number of DATA chunks"),
-                u32(tracks, "number of tracks"),
-                i64(self.stop_ns, f"duration {self.stop_ns} ns"),
+                u32(distance, f"index {distance} bytes before" if distance else "no index"),
+                u64(self.stop_ns, f"duration {self.stop_ns} ns"),
             ],
         )
 

@@ -29,7 +29,6 @@ from builder import (
     Field,
     File,
     bits,
-    i32,
     i64,
     joined,
     listing,
@@ -38,6 +37,7 @@ from builder import (
     u8,
     u16,
     u32,
+    u64,
     varint,
 )
 from page_numbers import varint_bytes
@@ -71,35 +71,34 @@ class Example(NamedTuple):
 
 def track(codec: str, *, low: int = 0, high: int = 255, range_notes: tuple[str, str] | None = None,
           kind: int = 0, number_format: int = 0, components: int = 1,
-          rate: tuple[int, int, str] = (1000, 1, "1 Hz"), channel: int = 0, linked: int = 0xFFFF,
+          rate: tuple[int, int, str] = (1000, 1, "1 Hz"), channel: int = 0, base: int | None = None,
           tlvs: Sequence[tuple[int, str, list[Field]]] = ()) -> list[Field]:  # fmt: skip
     """A description; ``tlvs`` are (type, what it is, value)."""
     counted = "one TLV" if len(tlvs) == 1 else f"{len(tlvs)} TLVs"
     wide = "one component" if components == 1 else f"{components} components"
-    number = "no channel" if channel == 0xFFFF else f"channel {channel}"
-    base = "linked to no track" if linked == 0xFFFF else f"base: track {linked}"
+    linked = "linked to no track" if base is None else f"1 + base: track {base}"
     notes = range_notes or (f"lowest count {low}", f"highest count {high}")
     out = [
-        u8(len(tlvs), counted),
-        u8(components, wide),
-        u8(kind, f"kind: {KINDS[kind]}"),
-        u8(number_format, f"number format: {FORMATS[number_format]}"),
+        u8(kind | number_format << 4, f"{KINDS[kind]}, {FORMATS[number_format]}"),
         raw(codec.encode(), "codec"),
-        u32(rate[0], f"rate {rate[0]} /"),
-        u32(rate[1], rate[2]),
-        i32(low, notes[0]),
-        i32(high, notes[1]),
-        u16(channel, number),
-        u16(linked, base),
+        u8(components, wide),
+        varint(rate[0], f"rate {rate[0]} /"),
+        varint(rate[1], rate[2]),
+        svarint(low, notes[0]),
+        svarint(high, notes[1]),
+        varint(channel, "no channel" if kind == 3 else f"channel {channel}"),
+        varint(0 if base is None else 1 + base, linked),
+        u8(len(tlvs), counted),
     ]
     for type_, what, value in tlvs:
         size = len(joined(value))
-        out += [u16(type_, f"TLV {type_}, {what}"), u16(size, f"{size} bytes"), *value]
+        out += [varint(type_, f"TLV {type_}, {what}"), varint(size, f"{size} bytes"), *value]
     return out
 
 
 def plain(*tracks: list[Field]) -> list[Field]:
     return [
+        varint(0, "the first track is track 0"),
         varint(0, "the tracks follow uncompressed"),
         *(field for each in tracks for field in each),
     ]
@@ -148,14 +147,14 @@ def hold() -> Example:
         (3, "calibration", calibration),
         strings(4, "unit", "N"),
     ]
-    f.chunk("TRAK", plain(track("KNOT", tlvs=tlvs)), track=0)
+    f.chunk("TRAK", plain(track("KNOT", tlvs=tlvs)))
     body = [
         svarint(4, "first knot, tick 0: index 4, count 100"),
         varint(3, "next knot 3 ticks later"),
         svarint(1, "index 1 more: 5, count 125"),
     ]
     f.cluster([(0, 0, body, 8)], (0, 8 * MS))
-    f.close(1)
+    f.close()
     note = """The smallest useful file: codec `KNOT` with varints, a label, a unit and a
 calibration. One force channel at 1 kHz; one count is 10 mN. It decodes to the counts 100 100 100
 125 125 125 125 125: 1.00 N for 3 ms, then 1.25 N for 5 ms."""
@@ -176,10 +175,10 @@ def residual() -> Example:
     half = (500, 1, "1 Hz")
     slow = track("KNOT", kind=1, rate=half, low=-32, high=31, tlvs=[knots(1)])
     fast = track(
-        "QUAN", kind=2, rate=half, low=-2, high=1, range_notes=clamped, linked=0,
+        "QUAN", kind=2, rate=half, low=-2, high=1, range_notes=clamped, base=0,
         tlvs=[(1, "codec parameters", quantiser)],
     )  # fmt: skip
-    f.chunk("TRAK", plain(slow, fast), track=0)
+    f.chunk("TRAK", plain(slow, fast))
     lines = [
         svarint(10, "first knot, tick 0: index 10"),
         varint(2, "2 ticks later"),
@@ -197,7 +196,7 @@ def residual() -> Example:
         (1, 8, silence, 2),
     ]
     f.cluster(rows, (0, 20 * MS))
-    f.close(2)
+    f.close()
     note = """LF + HF: one channel at 500 Hz in two tracks, with a gap at ticks 6 and 7. The LF
 track decodes to d = 10 8 5 9 13 17, then 17 17. At tick 1 it is `10 + rdiv(-5 * 1, 2) = 10 - 2`,
 a tie. The HF track decodes to e^ = 0 1 -2 0 0 0, then 0 0: level 1 at tick 1 would be 2 and is
@@ -210,10 +209,10 @@ def marks() -> Example:
     f.head()
     still = track("KNOT", high=1, tlvs=[knots()])
     layer = track(
-        "EVNT", kind=3, rate=(1_000_000, 1, "1 Hz: ticks of 1 us"), high=0, channel=0xFFFF,
+        "EVNT", kind=3, rate=(1_000_000, 1, "1 Hz: ticks of 1 us"), high=0,
         tlvs=[strings(2, "label", "touch")],
     )  # fmt: skip
-    f.chunk("TRAK", plain(still, layer), track=0)
+    f.chunk("TRAK", plain(still, layer))
     events = [
         varint(0, "at the start of the packet, 1500 us"),
         varint(0, "a moment"),
@@ -232,6 +231,7 @@ def marks() -> Example:
     ]
     f.cluster(rows, (0, 4 * MS))
     clock = [
+        varint(1, "1 + track 0"),
         u8(2, "2 bytes"),
         raw(b"pc", "the clock 'pc'"),
         varint(2, "2 observations"),
@@ -242,8 +242,8 @@ def marks() -> Example:
         svarint(4_000_160, "4000160 ns later: 40 ppm fast"),
         varint(1000, "give or take 1000 ns"),
     ]
-    f.chunk("cLOk", clock, track=0)
-    f.close(2)
+    f.chunk("cLOk", clock)
+    f.close()
     found = [[1500, 0, None, "go"], [2000, 1000, 0, "µm"]]
     seen = [[0, 5_000_000_000, 1000], [4, 5_004_000_160, 1000]]
     note = """Events and clocks: a constant channel at 1 kHz, a layer of two events (codec
@@ -269,7 +269,6 @@ def quantised() -> Example:
     f.chunk(
         "TRAK",
         plain(track("QUAN", low=-24, high=24, tlvs=[(1, "codec parameters", parameters)])),
-        track=0,
     )
     tokens = [1, Escape(-6), Run(5), -1, Escape(8), 0, Run(2), 1]
     levels = page_quantised.levels_of(tokens)
@@ -278,7 +277,7 @@ def quantised() -> Example:
     told = ", ".join(f"{symbol}: {word}" for symbol, word in sorted(words.items()))
     about = "1, escape -6, 5 zeros, -1, escape 8, 0, 2 zeros, 1"
     f.cluster([(0, 0, [raw(body, about)], len(levels))], (0, len(levels) * MS))
-    f.close(1)
+    f.close()
     row = []
     for token in tokens:
         symbol, extra = page_quantised.symbol_of(token, m, r)
@@ -302,7 +301,7 @@ def raws() -> Example:
     doubles = track(
         "RAWB", low=0, high=0, number_format=5, channel=2, tlvs=[(1, "codec parameters", eight)]
     )
-    f.chunk("TRAK", plain(vector, doubles), track=0)
+    f.chunk("TRAK", plain(vector, doubles))
     counts = [[1, -2, 300], [0, 5, -300]]
     stored = page_raw.encode(counts, 2)
     planes = [
@@ -319,7 +318,7 @@ def raws() -> Example:
     body = [u8(1, "DEFLATE"), raw(squeezed[1:], "96 bytes: 12 lowest bytes, ... 12 highest bytes")]
     rows = [(0, 0, planes, 3), (1, 0, body, 12)]
     f.cluster(rows, (0, 12 * MS))
-    f.close(2)
+    f.close()
     note = """Codec `RAWB`: two channels of counts in one track, stored, and a channel of
 binary64 numbers, compressed. Channel 0 is 1 -2 300, channel 1 is 0 5 -300, channel 2 is 12 times
 0.1, `3FB999999999999A`. Each component is stored byte plane by byte plane."""
@@ -337,7 +336,7 @@ def coded() -> Example:
     vector = track(
         "KNOT", low=0, high=1000, components=2, tlvs=[(1, "codec parameters", parameters)]
     )
-    f.chunk("TRAK", plain(vector), track=0)
+    f.chunk("TRAK", plain(vector))
     given = [(0, [0, 5]), (4, [2, 3]), (6, [-1, 3]), (9, [0, 0])]
     packet = page_knots_coded.encode_knots(given, True)
     assert page_knots_coded.decode_knots(packet, True, 10, 2, 2**24) == given
@@ -350,7 +349,7 @@ def coded() -> Example:
         raw(packet[7:], "coded bytes"),
     ]
     f.cluster([(0, 0, body, 10)], (0, 10 * MS))
-    f.close(1)
+    f.close()
     first = [500, 505, 510, 515, 520, 505, 490, 493, 497, 500]
     second = [550, 545, 540, 535, 530, 530, 530, 520, 510, 500]
     note = """Codec `KNOT` with entropy coding: two components share the ticks of their knots.
@@ -370,7 +369,7 @@ def predicted() -> Example:
     ]  # fmt: skip
     pair = track("LPCR", low=-100, high=100, components=2, tlvs=[(1, "codec parameters", lossless)])
     rough = track("LPCR", low=-500, high=500, channel=2, tlvs=[(1, "codec parameters", weber)])
-    f.chunk("TRAK", plain(pair, rough), track=0)
+    f.chunk("TRAK", plain(pair, rough))
     squares = [0, 1, 4, 9, 16, 25, 36, 49]
     twin = [(x + 1) // 2 for x in squares]
     one = page_predicted.encode(squares, g=2)
@@ -415,7 +414,7 @@ def predicted() -> Example:
         (1, 0, grid, 5),
     ]
     f.cluster(rows, (0, 11 * MS))
-    f.close(2)
+    f.close()
     rough_counts = [levels[abs(i)] * (-1 if i < 0 else 1) for i in indices]
     note = f"""Codec `LPCR`. Track 0 is lossless and has two components: second differences, and
 a reference of weight 1/2. Channel 0 is {" ".join(map(str, squares))}, then 5 5 5; channel 1 is
@@ -431,7 +430,7 @@ a reference of weight 1/2. Channel 0 is {" ".join(map(str, squares))}, then 5 5 
 
 def transformed() -> Example:
     f = File(0x0000000E, brief=True)
-    f.head(minor=1)
+    f.head()
     parameters = [
         u8(5, "blocks of 32 coefficients"), varint(256, "step 256/256: one count"),
         u8(0, "no weights"),
@@ -439,7 +438,6 @@ def transformed() -> Example:
     f.chunk(
         "TRAK",
         plain(track("MDCT", low=0, high=200, tlvs=[(1, "codec parameters", parameters)])),
-        track=0,
     )
     steps = page_transform.steps(5, 256)
     packet = page_transform.encode([[12, 0], [0, 10]], steps, 100, classes=(0, 4))
@@ -454,7 +452,7 @@ def transformed() -> Example:
     assert joined(body) == packet
     f.cluster([(0, 0, body, 48), (0, 48, [svarint(100, "base 100"), varint(0, "none")], 4)],
               (0, 52 * MS))  # fmt: skip
-    f.close(1)
+    f.close()
     note = f"""Codec `MDCT`: 48 ticks in two blocks, then a packet without coefficients. All
 integers are even: the state is 0 throughout, and a coefficient is twice its integer. Block 0 is 24
 times a quarter of a cosine, block 1 is 20 times three quarters. From tick 16 to 47 they are mixed.
@@ -468,7 +466,7 @@ def exact() -> Example:
     rule0 = [u8(0, "rule 0: quotient"), u8(0, "no digits"), raw(bytes(2), "reserved")]
     tenths = [svarint(1, "A = 1"), svarint(0, "B = 0"), varint(10, "D = 10")]
     tlvs = [(1, "codec parameters", rule0), (3, "calibration", tenths)]
-    f.chunk("TRAK", plain(track("LPCX", low=0, high=10, tlvs=tlvs)), track=0)
+    f.chunk("TRAK", plain(track("LPCX", low=0, high=10, tlvs=tlvs)))
     counts = [1, 2, 3, 3, 7, 3]
     numbers = [0.1, 0.2, 0.30000000000000004, 0.30000000000000004, 0.7000000000000001,
                0.30000000000000004]  # fmt: skip
@@ -490,7 +488,7 @@ def exact() -> Example:
         raw(rest[12:], "coded bytes: corrections 0, 0, 1, 1, 1, 1"),
     ]
     f.cluster([(0, 0, body, 6)], (0, 6 * MS))
-    f.close(1)
+    f.close()
     told = " ".join(repr(x) for x in numbers)
     note = f"""Codec `LPCX`, exact doubles: a logger computed `count * 0.1`, and the file stores
 `count / 10` with the correction that is left. The counts are {" ".join(map(str, counts))}; the
@@ -512,7 +510,7 @@ def linear() -> Example:
     ]  # fmt: skip
     tenths = [svarint(1, "A = 1"), svarint(0, "B = 0"), varint(10, "D = 10, for both components")]
     tlvs = [(1, "codec parameters", rules), (3, "calibration", tenths)]
-    f.chunk("TRAK", plain(track("LPCX", components=2, low=0, high=10, tlvs=tlvs)), track=0)
+    f.chunk("TRAK", plain(track("LPCX", components=2, low=0, high=10, tlvs=tlvs)))
     forces = [6, 6, 10, 2, 5, 8]
     x = [count / 10 for count in forces]
     y = [x[0]]
@@ -545,7 +543,7 @@ def linear() -> Example:
         raw(part[4 + part[3] :], f"coded bytes: corrections {shown(away)}"),
     ]
     f.cluster([(0, 0, body, 6)], (0, 6 * MS))
-    f.close(1)
+    f.close()
     note = f"""Rule 4 of `LPCX`. Channel 1 is channel 0 after a filter: a logger computed
 `y + 0.3 * (x - y)`. The file stores `0.3 * x + 0.7 * y`, y being the exact value a tick before,
 and corrections. At tick 0 the lag of 1 reaches before the packet, so v is the quotient. The exact
@@ -557,13 +555,11 @@ values of channel 1 are {" ".join(map(repr, y))}; their corrections are {shown(a
 
 def synthetic() -> Example:
     f = File(0x0000000D, brief=True)
-    f.head(minor=1)
+    f.head()
     model = [u8(3, "intervals of 2^3 ticks"), u8(8, "8 intervals in a frame")]
     slow = track("KNOT", kind=1, low=-100, high=100, tlvs=[knots()])
-    fast = track(
-        "NOIS", kind=2, low=-100, high=100, linked=0, tlvs=[(1, "codec parameters", model)]
-    )
-    f.chunk("TRAK", plain(slow, fast), track=0)
+    fast = track("NOIS", kind=2, low=-100, high=100, base=0, tlvs=[(1, "codec parameters", model)])
+    f.chunk("TRAK", plain(slow, fast))
     gains, ks = [30, 34, 0], [100, -80]
     data = page_noise.encode(gains, [ks], 8, seed=2024)
     e = page_noise.decode(data, 3, 8, 20)
@@ -579,7 +575,7 @@ def synthetic() -> Example:
     ]
     f.cluster([(0, 0, [svarint(7, "a single knot: constant 7")], 20), (1, 0, texture, 20)],
               (0, 20 * MS))  # fmt: skip
-    f.close(2)
+    f.close()
     note = f"""Codec `NOIS`: a constant force with a synthetic texture above it. The first 8 ticks
 have the gain G(30) = {page_noise.gain_of(30)}. It rises to G(34) = {page_noise.gain_of(34)} over
 the next 8, and falls to 0 over the last interval, of which the packet has 4 ticks. The HF track
@@ -593,7 +589,15 @@ def shown(numbers: Sequence[int]) -> str:
 
 def described() -> Example:
     f = File(0x00000009, brief=True)
-    f.head()
+    uuid = bytes.fromhex("6BA7B810 9DAD 11D1 80B4 00C04FD430C8")
+    f.head(tlvs=[
+        varint(2, "TLV 2, UUID"), varint(16, "16 bytes"),
+        raw(uuid, "6ba7b810-9dad-11d1-80b4-00c04fd430c8"),
+        varint(4, "TLV 4, epoch"), varint(16, "16 bytes"),
+        i64(1_700_000_000 * 10**9, "tick 0 is at 1700000000 s UTC"),
+        u64(1_000_000, "give or take 1 ms"),
+        varint(6, "TLV 6, encoder"), varint(9, "9 bytes"), raw(b"bench 2.1", "'bench 2.1'"),
+    ])  # fmt: skip
     calibrations = [
         svarint(1, "A = 1"), svarint(0, "B = 0"), varint(1000, "D = 1000"),
         svarint(1, "A = 1"), svarint(-500, "B = -500"), varint(1000, "D = 1000"),
@@ -620,17 +624,17 @@ def described() -> Example:
         (18, "deviation", deviation),
         (22, "provenance", [raw(b"bench 2", "'bench 2'")]),
     ]
-    f.chunk("TRAK", plain(track("KNOT", components=2, high=1000, tlvs=tlvs)), track=0)
+    f.chunk("TRAK", plain(track("KNOT", components=2, high=1000, tlvs=tlvs)))
     second = track("KNOT", channel=2, tlvs=[knots()])
     inside = joined(second)
     squeezed = deflate.deflate(inside, deflate.FIXED)
     f.chunk(
         "TRAK",
         [
+            varint(1, "the first track is track 1"),
             varint(len(inside), f"{len(inside)} bytes once inflated"),
             raw(squeezed, "DEFLATE: a track of channel 2"),
         ],
-        track=1,
     )
     both = [svarint(100, "component 0: index 100"), svarint(600, "component 1: index 600")]
     rows = [
@@ -638,9 +642,9 @@ def described() -> Example:
         (1, 0, [svarint(7, "a single knot: constant 7")], 4),
     ]
     f.cluster(rows, (0, 4 * MS))
-    f.close(2)
-    note = """Every TLV of `TRAK`, and a description as a DEFLATE stream. Channel 0 is 0.1 N,
-channel 1 is (600 - 500) / 1000 = 0.1 N, channel 2 is 7. The byte 255 repeats the text before it;
+    f.close()
+    note = """Every TLV of `HEAD` and of `TRAK`, and a description as a DEFLATE stream. Channel 0
+is 0.1 N, channel 1 is (600 - 500) / 1000 = 0.1 N, channel 2 is 7. The byte 255 repeats the text before it;
 a list of one entry applies to all components."""
     return Example(
         f, note, {"0": [span(0, *[100] * 4)], "1": [span(0, *[600] * 4)], "2": [span(0, *[7] * 4)]}
@@ -650,7 +654,7 @@ a list of one entry applies to all components."""
 def digests() -> Example:
     f = File(0x0000000A, brief=True)
     f.head()
-    f.chunk("TRAK", plain(track("KNOT", tlvs=[knots()])), track=0)
+    f.chunk("TRAK", plain(track("KNOT", tlvs=[knots()])))
     f.chunk("mETa", [raw(b'{"subject": 7}', '{"subject": 7}')])
     rows = [(0, 0, [svarint(5, "a single knot: constant 5")], 2)]
     f.cluster(rows, (0, 2 * MS))
@@ -660,19 +664,20 @@ def digests() -> Example:
     numbers = hashlib.sha256(struct.pack("<3i", 5, 5, 6)).digest()
     coverage = struct.pack("<4Q", 0, 2, 4, 1)
     digest = hashlib.sha256(numbers + coverage).digest()
-    f.chunk("dGST", [raw(digest, "SHA-256 of what track 0 decodes to")], track=0)
+    f.chunk("dGST", [varint(0, "track 0"), raw(digest, "SHA-256 of what it decodes to")])
     points = [
+        varint(1, "1 + track 0"),
         u8(3, "3 bytes"), raw(b"UTC", "the clock 'UTC'"), varint(2, "2 points"),
         svarint(0, "tick 0"), i64(1_700_000_000 * 10**9, "at 1700000000 s"),
         varint(1000, "1000 ticks later"), varint(1_000_040_000, "1000040000 ns later"),
     ]  # fmt: skip
-    f.chunk("cMAp", points, track=0)
+    f.chunk("cMAp", points)
     attachment = [
         u8(5, "5 bytes"), raw(b"a.txt", "the name 'a.txt'"), u8(10, "10 bytes"),
         raw(b"text/plain", "the media type"), raw(b"hello", "the content"),
     ]  # fmt: skip
     f.chunk("aTTc", attachment)
-    f.close(1)
+    f.close(indexed=True)
     note = f"""Two indexes, metadata, a digest, a map of a clock and an attachment. The channel
 is 5 5, a gap at ticks 2 and 3, then 6. The digest is the SHA-256 of 64 bytes: first the SHA-256
 of the counts `05 00 00 00 05 00 00 00 06 00 00 00`, which is `{numbers.hex()}`; then the
@@ -683,7 +688,7 @@ coverage, the u64 numbers 0, 2, 4, 1. Tick 500 is 500 020 000 ns after 1 700 000
 def salvaged() -> Example:
     f = File(0x0000000B, brief=True)
     f.head()
-    f.chunk("TRAK", plain(track("KNOT", tlvs=[knots()])), track=0)
+    f.chunk("TRAK", plain(track("KNOT", tlvs=[knots()])))
     bodies = [
         (0, [svarint(1, "packet of ticks 0 to 3: constant 1")]),
         (4, [svarint(2, "packet of ticks 4 to 7: constant 2")]),
@@ -692,7 +697,7 @@ def salvaged() -> Example:
     rows = [(0, start, body, 4) for start, body in bodies]
     f.cluster(rows, (0, 12 * MS))
     end = f.offset
-    f.close(1)
+    f.close()
     at = end - 2
     note = f"""A damaged `DATA` payload. The listing is the file as it was written. In
 `salvaged.hapf` the byte at offset 0x{at:X}, the packet of ticks 4 to 7, is `05`: a reader that
@@ -707,7 +712,7 @@ track 0, and the exit code is 3."""
 def table() -> Example:
     f = File(0x0000000D, brief=True)
     f.head()
-    f.chunk("TRAK", plain(track("KNOT", tlvs=[knots()])), track=0)
+    f.chunk("TRAK", plain(track("KNOT", tlvs=[knots()])))
     bodies = [
         (0, [svarint(1, "packet of ticks 0 to 3: constant 1")]),
         (4, [svarint(100, "packet of ticks 4 to 7: constant 100")]),
@@ -716,7 +721,7 @@ def table() -> Example:
     f.cluster([(0, at, body, 4) for at, body in bodies], (0, 12 * MS))
     size = [about for _, about in f.fields].index("2 bytes")
     offset, end = len(joined(f.fields[:size])), f.offset
-    f.close(1)
+    f.close()
     note = f"""A damaged table. The listing is the file as it was written. In `table.hapf` the byte
 at offset 0x{offset:X} is `03`: it says that the second packet has 4 bytes, not 2. `forwards` finds
 a place for the first row only, since the second row moves the third one. `backwards` begins at the
@@ -748,7 +753,7 @@ MAKERS: dict[str, Callable[[], Example]] = {
 HEADER = """# Worked examples
 
 Each listing is a whole file of `conformance/examples/`: offset, bytes, meaning. After the first
-example a chunk header is one field of 36 bytes. The `.json` of the same name has what the file
+example a chunk header is one field of 32 bytes. The `.json` of the same name has what the file
 decodes to. `conformance/gen/examples.py` makes this page and the files, and
 `tests/test_examples.py` compares them with a reader.
 """

@@ -139,20 +139,19 @@ def recording(*tracks: Track, layers: Sequence[Layer] = (), before: Sequence[Any
         times[cluster] = min(a, begin), max(b, end)
     late_ones = [track.chunk for track in (*tracks, *layers) if track.id in late]
     if head is None:
-        head = f.head(level=level, minor=f.minor_of(*(track.codec for track in tracks)))
+        head = f.head(level=level)
     chunks: list[Any] = [("HEAD", head)]
     for track in (*tracks, *layers):
         if getattr(track, "joined", False):
-            type_, payload, header = chunks[-1]
-            chunks[-1] = (type_, payload + track.record, header)
+            type_, payload = chunks[-1]
+            chunks[-1] = (type_, payload + track.record)
         elif track.id not in late:
             chunks.append(track.chunk)
     if squeeze is not None:
         chunks = [
-            (type_, f.squeezed(payload, squeeze), *more_) if type_ == "TRAK" else
-            (type_, payload, *more_)
-            for type_, payload, *more_ in chunks
-        ]  # fmt: skip
+            (type_, f.squeezed(payload, squeeze) if type_ == "TRAK" else payload)
+            for type_, payload in chunks
+        ]
     chunks += before
     for number in sorted(times):
         chunks.append(("DATA", f.cluster(*sorted(row[1:] for row in rows if row[0] == number))))

@@ -10,11 +10,10 @@ import deflate
 
 SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
 SYNC = bytes.fromhex("F9488B1C")
-NONE = 0xFFFF
 FILE_ID = 7
-HEADER = 36
+HEADER = 32
 """Bytes of a chunk header."""
-FOOT = HEADER + 32
+FOOT = HEADER + 12
 """Bytes of a fOOT chunk."""
 DURATION_NS = 4_000_000
 """Of files whose last packet ends at tick 4 of 1 kHz, as DATA_0 does."""
@@ -22,7 +21,7 @@ DURATION_NS = 4_000_000
 LATE_MS = 10**9
 """Where an index says that a cluster ends: not earlier than it does."""
 
-Chunk = tuple[str, bytes, dict]
+Chunk = tuple[str, bytes] | tuple[str, bytes, dict]
 
 
 def varint(value: int) -> bytes:
@@ -37,44 +36,32 @@ def svarint(value: int) -> bytes:
     return varint(2 * value if value >= 0 else -2 * value - 1)
 
 
-def pack(layout: str, defaults: dict, given: dict) -> bytes:
-    """The fields in order of ``defaults``, each replaced where it is given."""
-    assert given.keys() <= defaults.keys()
-    return struct.pack("<" + layout, *(defaults | given).values())
-
-
 def file_crc(data: bytes, file_id: int = FILE_ID) -> int:
     return zlib.crc32(file_id.to_bytes(8, "little") + data)
 
 
-def chunk(type_: str, payload: bytes, sequence: int, *, size=None, track=NONE, flags=0, crc=None,
-          header_crc=None, file_id=FILE_ID, sync=SYNC) -> bytes:  # fmt: skip
+def chunk(type_: str, payload: bytes, sequence: int, *, size=None, crc=None, header_crc=None,
+          file_id=FILE_ID, sync=SYNC) -> bytes:  # fmt: skip
     if isinstance(payload, Cluster):
         payload = payload.at(sequence, file_id)
     size = len(payload) if size is None else size
     crc = file_crc(payload, file_id) if crc is None else crc
-    header = struct.pack(
-        "<4s4sQIIHHI", sync, type_.encode(), file_id, sequence, size, track, flags, crc
-    )
+    header = struct.pack("<4s4sQIII", sync, type_.encode(), file_id, sequence, size, crc)
     header_crc = zlib.crc32(header) if header_crc is None else header_crc
     return header + header_crc.to_bytes(4, "little") + payload
 
 
-def head(tlvs: bytes = b"", **given) -> bytes:
-    fields = {
-        "major": 1, "minor": 0, "level": 1, "reserved": 0, "incompat": 0, "compat": 0,
-        "uuid": bytes(16), "epoch_ns": 0, "epoch_uncertainty_ns": 2**64 - 1,
-    }  # fmt: skip
-    return pack("BBBBII16sqQ", fields, given) + tlvs
-
-
-def minor_of(*codecs: str) -> int:
-    """The minor version of a file with tracks of these codecs."""
-    return int(not {"MDCT", "NOIS"}.isdisjoint(codecs))
+def head(tlvs: bytes = b"", *, major: int = 1, minor: int = 0, level: int = 1) -> bytes:
+    return bytes([major, minor, level]) + tlvs
 
 
 def tlv(type_: int, value: bytes) -> bytes:
-    return struct.pack("<HH", type_, len(value)) + value
+    return varint(type_) + varint(len(value)) + value
+
+
+def epoch(time_ns: int, uncertainty_ns: int) -> bytes:
+    """TLV 4 of HEAD."""
+    return tlv(4, struct.pack("<qQ", time_ns, uncertainty_ns))
 
 
 def strings(*items: str) -> bytes:
@@ -143,80 +130,79 @@ HOLD = tlv(1, knot_parameters())
 
 
 def track(tlvs: bytes = HOLD, **given) -> bytes:
-    """A track within TRAK; ``base`` or ``continues`` is the track that it is linked to."""
+    """A track within TRAK; ``base`` or ``continues`` is the track that it is linked to. Bytes take
+    the place of a number as they are."""
     fields = {
-        "tlv_count": tlvs_in(tlvs), "component_count": 1, "kind": 0, "number_format": 0,
-        "codec": b"KNOT", "rate_num": 1000, "rate_den": 1, "count_min": -100, "count_max": 100,
-        "first_channel": 0, "linked": NONE,
+        "kind": 0, "number_format": 0, "codec": b"KNOT", "component_count": 1, "rate_num": 1000,
+        "rate_den": 1, "count_min": -100, "count_max": 100, "first_channel": 0, "linked": 0,
+        "tlv_count": tlvs_in(tlvs),
     }  # fmt: skip
     for name in ("base", "continues"):
         if name in given:
-            given["linked"] = given.pop(name)
-    return pack("BBBB4sIIiiHH", fields, given) + tlvs
+            given["linked"] = 1 + given.pop(name)
+    assert given.keys() <= fields.keys()
+    fields |= given
+    both = fields.pop("kind") | fields.pop("number_format") << 4
+    single = {"component_count", "tlv_count"}
+    out = bytes([both])
+    for name, value in fields.items():
+        if not isinstance(value, int):
+            out += value
+        elif name in single:
+            out += bytes([value])
+        else:
+            out += svarint(value) if name.startswith("count_") else varint(value)
+    return out + tlvs
+
+
+def number_at(data: bytes, at: int) -> tuple[int, int]:
+    """The varint there, and where it ends."""
+    value = shift = 0
+    while at < len(data):
+        value, shift, at = value | (data[at] & 127) << shift, shift + 7, at + 1
+        if data[at - 1] < 128:
+            break
+    return value, at
 
 
 def tlvs_in(tlvs: bytes) -> int:
     """How many begin there."""
     at = count = 0
-    while at + 4 <= len(tlvs):
-        at += 4 + int.from_bytes(tlvs[at + 2 : at + 4], "little")
+    while at < len(tlvs):
+        size, at = number_at(tlvs, number_at(tlvs, at)[1])
+        at += size
         count += 1
     return count
 
 
-def trak(tlvs: bytes = HOLD, *, track_count: int = 1, **given) -> bytes:
+def trak(tlvs: bytes = HOLD, *, first: int = 0, track_count: int = 1, **given) -> bytes:
     """The payload of several tracks that are alike but for their channels and bases."""
     rows, wide = [], given.get("component_count", 1)
     for i in range(track_count):
         own = dict(given)
-        if given.get("kind") != 3:
+        if i and given.get("kind") != 3:
             own["first_channel"] = given.get("first_channel", 0) + i * wide
-        if given.get("base", NONE) != NONE:
+        if "base" in given:
             own["base"] = given["base"] + i
         rows.append(track(tlvs, **own))
-    return tracks(*rows)
+    return tracks(*rows, first=first)
 
 
-def tracks(*records: bytes) -> bytes:
+def tracks(*records: bytes, first: int = 0) -> bytes:
     """The payload of TRAK, as it is."""
-    return b"\0" + b"".join(records)
+    return varint(first) + b"\0" + b"".join(records)
 
 
 def squeezed(payload: bytes, kind: int = deflate.DYNAMIC) -> bytes:
     """The same, as a DEFLATE stream."""
-    plain = payload[1:]
-    return varint(len(plain)) + deflate.deflate(plain, kind)
-
-
-def plain(payload: bytes) -> bytes:
-    """The payload of TRAK with its tracks as they are; empty where that cannot be read."""
-    if payload[:1] == b"\0":
-        return payload
-    start = 1 + next((i for i, byte in enumerate(payload) if byte < 128), 0)
-    try:
-        return b"\0" + zlib.decompressobj(-15).decompress(payload[start:])
-    except zlib.error:
-        return b""
-
-
-def tracks_in(payload: bytes) -> int:
-    """How many a TRAK payload describes, as far as it can be read."""
-    rows = plain(payload)[1:]
-    at = count = 0
-    while at + 28 <= len(rows):
-        left = rows[at]
-        at += 28
-        for _ in range(left):
-            at += 4 + int.from_bytes(rows[at + 2 : at + 4], "little")
-        count += 1
-    return max(count, 1)
+    first, at = number_at(payload, 0)
+    plain = payload[at + 1 :]
+    return varint(first) + varint(len(plain)) + deflate.deflate(plain, kind)
 
 
 def layer(tlvs: bytes = b"", **given) -> bytes:
     """A track of kind events."""
-    fields = {
-        "kind": 3, "codec": b"EVNT", "count_min": 0, "count_max": 0, "first_channel": NONE,
-    }  # fmt: skip
+    fields = {"kind": 3, "codec": b"EVNT", "count_min": 0, "count_max": 0}
     return trak(tlvs, **(fields | given))
 
 
@@ -227,9 +213,16 @@ def event(step: int, text: str | bytes = "", duration: int = 0, channel: int = 0
     return varint(step) + varint(duration) + varint(channel) + varint(size) + raw
 
 
-def clock(observations, name: str = "pc", count: int | None = None) -> bytes:
+def digests(*values: bytes, first: int = 0) -> bytes:
+    """dGST payload."""
+    return varint(first) + b"".join(values)
+
+
+def clock(observations, name: str = "pc", count: int | None = None,
+          track: int | None = None) -> bytes:  # fmt: skip
     """cLOk payload of (tick, time ns, uncertainty ns)."""
-    out = strings(name) + varint(len(observations) if count is None else count)
+    out = clock_of(track) + strings(name)
+    out += varint(len(observations) if count is None else count)
     before = None
     for tick, time, uncertainty in observations:
         if before is None:
@@ -241,9 +234,16 @@ def clock(observations, name: str = "pc", count: int | None = None) -> bytes:
     return out
 
 
-def clock_map(points, name: str = "pc", count: int | None = None) -> bytes:
+def clock_of(track: int | None) -> bytes:
+    """The first field of cLOk and cMAp."""
+    return varint(0 if track is None else 1 + track)
+
+
+def clock_map(points, name: str = "pc", count: int | None = None,
+              track: int | None = None) -> bytes:  # fmt: skip
     """cMAp payload of (tick, time ns)."""
-    out = strings(name) + varint(len(points) if count is None else count)
+    out = clock_of(track) + strings(name)
+    out += varint(len(points) if count is None else count)
     for i, (tick, time) in enumerate(points):
         if i == 0:
             out += svarint(tick) + struct.pack("<q", time)
@@ -324,12 +324,11 @@ def index(entries, *, previous: int = 0, first: int = 0, count=None) -> bytes:
     return bytes(out)
 
 
-def foot(index_offset: int, stop_offset: int, data_count: int, track_count: int,
-         duration_ns: int = 0) -> bytes:  # fmt: skip
-    return struct.pack("<QQIIq", index_offset, stop_offset, data_count, track_count, duration_ns)
+def foot(index_distance: int, duration_ns: int = 0) -> bytes:
+    return struct.pack("<IQ", index_distance, duration_ns)
 
 
-def file(*chunks: Chunk | tuple[str, bytes], file_id: int = FILE_ID) -> bytes:
+def file(*chunks: Chunk, file_id: int = FILE_ID) -> bytes:
     """The signature, then (type, payload, changes to the header) one after the other."""
     out = [SIGNATURE]
     for sequence, (type_, payload, *changes) in enumerate(chunks):
@@ -338,37 +337,30 @@ def file(*chunks: Chunk | tuple[str, bytes], file_id: int = FILE_ID) -> bytes:
     return b"".join(out)
 
 
-def closed(*chunks: Chunk | tuple[str, bytes], ahead: dict | None = None,
+def closed(*chunks: Chunk, ahead: dict | None = None, indexed: bool = True,
            file_id: int = FILE_ID, **changes) -> bytes:  # fmt: skip
     """``file`` with a true index and footer; ``changes`` to the footer, ``ahead`` to the index."""
-    body = file(*chunks, file_id=file_id)
-    at, rows, described = len(SIGNATURE), [], set()
-    for type_, payload, *given in chunks:
+    rows, at = [], len(SIGNATURE)
+    for type_, payload, *_ in chunks:
         rows.append((type_, at, 0, LATE_MS if type_ == "DATA" else 0))
-        if type_ == "TRAK":
-            first = given[0].get("track", 0) if given else 0
-            described |= set(range(first, first + tracks_in(payload)))
         at += HEADER + len(payload)
-    given = {"entries": rows} | (ahead or {})
-    body += chunk("iNDX", index(**given), len(chunks), file_id=file_id)
-    fields = {
-        "index_offset": at,
-        "stop_offset": len(body) + FOOT,
-        "data_count": sum(type_ == "DATA" for type_, *_ in chunks),
-        "track_count": len(described),
-        "duration_ns": DURATION_NS if any(type_ == "DATA" for type_, *_ in chunks) else 0,
-    }
+    body = file(*chunks, file_id=file_id)
+    if indexed:
+        payload = index(**{"entries": rows} | (ahead or {}))
+        body += chunk("iNDX", payload, len(chunks), file_id=file_id)
+    duration_ns = DURATION_NS if any(type_ == "DATA" for type_, *_ in chunks) else 0
+    fields = {"index_distance": len(body) - at, "duration_ns": duration_ns}
     payload = foot(**(fields | changes))
-    return body + chunk("fOOT", payload, len(chunks) + 1, file_id=file_id)
+    return body + chunk("fOOT", payload, len(chunks) + indexed, file_id=file_id)
 
 
 KNOT_DATA = svarint(5)
 """A constant 5, whatever the span."""
 
-TRACK_0 = ("TRAK", trak(), {"track": 0})
+TRACK_0 = ("TRAK", trak())
 DATA_0 = ("DATA", cluster((0, 0, 4, KNOT_DATA)))
 
 
-def minimal(*more: Chunk | tuple[str, bytes], **changes) -> bytes:
+def minimal(*more: Chunk, **changes) -> bytes:
     """HEAD, one track, four samples of 5, then ``more``; closed."""
     return closed(("HEAD", head()), TRACK_0, DATA_0, *more, **changes)

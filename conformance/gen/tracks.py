@@ -88,12 +88,12 @@ class Track:
             count_min=0 if self.words else self.low,
             count_max=0 if self.words else self.high,
             first_channel=self.channel,
-            linked=f.NONE if linked is None else linked,
+            linked=0 if linked is None else 1 + linked,
         )
 
     @property
     def chunk(self) -> f.Chunk:
-        return "TRAK", f.tracks(self.record), {"track": self.id}
+        return "TRAK", f.tracks(self.record, first=self.id)
 
     def rows(self) -> dict[int, tuple[int, ...]]:
         """The numbers of each tick."""
@@ -141,8 +141,8 @@ class Layer:
     @property
     def chunk(self) -> f.Chunk:
         tlvs = f.tlv(2, f.strings(self.label)) if self.tlvs is None else self.tlvs
-        payload = f.layer(tlvs, rate_num=self.rate[0], rate_den=self.rate[1])
-        return "TRAK", payload, {"track": self.id}
+        rate = {"rate_num": self.rate[0], "rate_den": self.rate[1]}
+        return "TRAK", f.layer(tlvs, first=self.id, **rate)
 
     def rows(self) -> Iterable[tuple[int, int, int, int, bytes]]:
         for start, span, events, *cluster in self.packets:

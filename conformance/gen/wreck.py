@@ -117,13 +117,15 @@ def rows_of(packets: list[Packet], payload: int) -> tuple[Row, ...]:
     return tuple(out)
 
 
-def lay(*chunks: Chunk, close: bool = True, skip: Sequence[int] = ()) -> Laid:
+def lay(*chunks: Chunk, close: bool = True, indexed: bool = True,
+        skip: Sequence[int] = ()) -> Laid:  # fmt: skip
     """A file of ``chunks``; a list of packets is a DATA chunk, of tracks of 1 kHz, so that a tick
-    is a millisecond. ``close``: an index of all chunks and a footer follow. An empty payload of
-    iNDX is filled in: it lists all chunks before it. ``skip``: sequence numbers that are left out.
+    is a millisecond. ``close``: an index of all chunks, if ``indexed``, and a footer follow. An
+    empty payload of iNDX is filled in: it lists all chunks before it. ``skip``: sequence numbers
+    that are left out.
     """
-    data, places, listed, numbers_ = bytearray(f.SIGNATURE), [], [], set()
-    sequence, stop_tick, clusters = 0, 0, 0
+    data, places, listed = bytearray(f.SIGNATURE), [], []
+    sequence, stop_tick = 0, 0
 
     def add(type_: str, payload: bytes, given: Mapping[str, Any], rows: tuple[Row, ...]) -> None:
         nonlocal sequence
@@ -140,24 +142,21 @@ def lay(*chunks: Chunk, close: bool = True, skip: Sequence[int] = ()) -> Laid:
             start, stop = min(p[1] for p in each), max(p[1] + p[2] for p in each)
             add("DATA", cluster(each), {}, rows_of(each, at + HEADER))
             listed.append(("DATA", at, start, stop))
-            stop_tick, clusters = max(stop, stop_tick), clusters + 1
+            stop_tick = max(stop, stop_tick)
             continue
         type_, payload, *rest = each
         given = rest[0] if rest else {}
-        if type_ == "TRAK":
-            first = given.get("track", 0)
-            numbers_ |= set(range(first, first + f.tracks_in(payload)))
         add(type_, f.index(listed) if type_ == "iNDX" and not payload else payload, given, ())
         listed.append((type_, at, 0, 0))
     if close:
         index = len(data)
-        add("iNDX", f.index(listed), {}, ())
-        stop = len(data) + f.FOOT
-        add("fOOT", f.foot(index, stop, clusters, len(numbers_), stop_tick * MS), {}, ())
+        if indexed:
+            add("iNDX", f.index(listed), {}, ())
+        add("fOOT", f.foot(len(data) - index, stop_tick * MS), {}, ())
     return Laid(bytes(data), tuple(places))
 
 
-THREE: Chunk = ("TRAK", f.trak(track_count=3), {"track": 0})
+THREE: Chunk = ("TRAK", f.trak(track_count=3))
 HEAD: Chunk = ("HEAD", f.head())
 
 

@@ -10,8 +10,10 @@ from typing import NamedTuple
 
 SIGNATURE = bytes.fromhex("8F4841500D0A1A0A")
 SYNC = bytes.fromhex("F9488B1C")
-HEADER_SIZE = 36
+HEADER_SIZE = 32
 FIRST_OFFSET = 8
+BARE_SIZE, BARE_COUNT = 1 << 16, 16
+"""A file of at most this many bytes and chunks needs no index (IDX-005)."""
 
 
 class Chunk(NamedTuple):
@@ -35,12 +37,12 @@ def chunks(data: bytes) -> list[Chunk]:
         header = data[position : position + HEADER_SIZE]
         if len(header) < HEADER_SIZE or header[:4] != SYNC:
             raise ValueError(f"no chunk at {position}")
-        type_, file_id, sequence, size, _, _, payload_crc, header_crc = struct.unpack(
-            "<4sQIIHHII", header[4:]
+        type_, file_id, sequence, size, payload_crc, header_crc = struct.unpack(
+            "<4sQIIII", header[4:]
         )
         payload = data[position + HEADER_SIZE : position + HEADER_SIZE + size]
         payload_found = zlib.crc32(file_id.to_bytes(8, "little") + payload)
-        if zlib.crc32(header[:32]) != header_crc or payload_found != payload_crc:
+        if zlib.crc32(header[:28]) != header_crc or payload_found != payload_crc:
             raise ValueError(f"a CRC-32 of the chunk at {position} differs")
         if len(payload) < size or sequence != len(found):
             raise ValueError(f"chunk {sequence} at {position}, {len(payload)} of {size} bytes")
@@ -84,7 +86,7 @@ def index_of(payload: bytes) -> Index:
 
 
 def index_faults(data: bytes) -> Iterator[str]:
-    """Where the indexes of a closed file do not lead to every chunk (IDX-002, FOT-001,
+    """Where the indexes of a closed file do not lead to every chunk (IDX-002, IDX-005,
     FOT-002)."""
     try:
         found = chunks(data)
@@ -93,14 +95,18 @@ def index_faults(data: bytes) -> Iterator[str]:
         return
     indexes = {chunk.offset: chunk for chunk in found if chunk.type == "iNDX"}
     last = found[-1] if found else None
-    if last is None or last.type != "fOOT" or len(last.payload) != 32:
+    if last is None or last.type != "fOOT" or len(last.payload) != 12:
         yield "no fOOT at the end"
         return
-    at, stop = struct.unpack_from("<QQ", last.payload)
-    if stop != len(data):
-        yield f"fOOT: stop_offset {stop}, the file ends at {len(data)}"
-    if at != max(indexes, default=0):
-        yield f"fOOT: index_offset {at}, the last index stands at {max(indexes, default=0)}"
+    (distance,) = struct.unpack_from("<I", last.payload)
+    at = max(indexes, default=0)
+    if distance != (last.offset - at if at else 0):
+        yield f"fOOT: index_distance {distance}, the last index stands at {at or 'no place'}"
+        return
+    large = len(data) > BARE_SIZE or len(found) > BARE_COUNT
+    if large and (not at or indexes[at].stop != last.offset):
+        yield f"no index before fOOT, in a file of {len(data)} bytes and {len(found)} chunks"
+    if not at:
         return
     listed: dict[int, str] = {}
     numbers = {chunk.offset: number for number, chunk in enumerate(found)}

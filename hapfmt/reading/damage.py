@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from ..errors import HARMLESS, FormatError
-from ..format.extras import MS_LIMIT, IndexEntry, parse_index
+from ..format.extras import MS_LIMIT, NS_LIMIT, Foot, IndexEntry, parse_index
 from ..format.track import Track
 from ..format.walk import Finding, read_chunk
 from ..numbers import counted
@@ -101,8 +101,10 @@ class OpenLoss:
 class Losses:
     """Grows while packets go by in order; ``spans`` are the result."""
 
-    def __init__(self, tracks: Mapping[int, Track]) -> None:
+    def __init__(self, tracks: Mapping[int, Track], foot: Foot | None) -> None:
         self.tracks = tracks
+        known = foot is not None and foot.duration_ns < NS_LIMIT
+        self.duration_ns = foot.duration_ns if foot and known else None
         self.spans: list[LostSpan] = []
         self.open: dict[int, OpenLoss] = {}
 
@@ -111,7 +113,10 @@ class Losses:
         if times.stop == 0:
             return
         for id_ in tracks:
-            start, stop = ticks(times, self.tracks[id_].rate)
+            rate = self.tracks[id_].rate
+            start, stop = ticks(times, rate)
+            if stop is None and self.duration_ns is not None:
+                stop = int(self.duration_ns * rate // 10**9)
             self.widen(id_, start, stop, offset)
 
     def widen(self, track: int, start: int, stop: int | None, offset: int) -> None:

@@ -194,7 +194,7 @@ class PacketPass:
     def __init__(self, catalogue: Catalogue, on_damage: Callable[[], None]) -> None:
         self.catalogue = catalogue
         self.on_damage = on_damage
-        self.losses = Losses(catalogue.tracks)
+        self.losses = Losses(catalogue.tracks, catalogue.foot)
         self.lost = self.losses.spans
         again = [f.offset for f in catalogue.findings if f.code == "duplicate-chunk"]
         self.offsets = sorted([*again, *(ref.offset for ref in catalogue.chunks)])

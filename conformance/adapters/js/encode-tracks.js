@@ -1,9 +1,9 @@
 // The tracks of the encoder: grid, description (6.3) and packets of each.
 import { putSvarint, putVarint } from '../../../hapfmt/viewer/decoder/bytes.js';
-import { NO_TRACK } from '../../../hapfmt/viewer/decoder/chunk.js';
 import { decodePacket, parseParameters } from '../../../hapfmt/viewer/decoder/codecs.js';
 import { encodeComponent } from './encode-lpcr.js';
 import { HapfError, unsupported } from '../../../hapfmt/viewer/decoder/error.js';
+import { putTlv } from '../../../hapfmt/viewer/decoder/head.js';
 import { floorDivBig } from '../../../hapfmt/viewer/decoder/integers.js';
 import { WORD_SIZES } from '../../../hapfmt/viewer/decoder/rawb.js';
 import { checkCalibration } from '../../../hapfmt/viewer/decoder/values.js';
@@ -14,7 +14,6 @@ const TEXTS = [[2, 'label'], [4, 'unit'], [6, 'quantity'], [8, 'axis'], [10, 'gr
 const PACKET_TICKS = 65536;
 const LEVEL_1_HIGH = 2 ** 23;
 
-export const le = (value, size) => Array.from({ length: size }, (_, i) => Math.floor(value / 256 ** i) & 255);
 export const refuse = (message) => unsupported('LIM-003', message, null);
 
 export const emptyTrack = {
@@ -153,19 +152,14 @@ function encodeWords(words, size) {
   return packet;
 }
 
-function tlv(type, value) {
-  if (value.length > 65535) refuse('a description that is too long');
-  return [...le(type, 2), ...le(value.length, 2), ...value];
-}
-
 function textList(text) {
   const bytes = new TextEncoder().encode(text);
   if (bytes.length > 254 || bytes.includes(0)) refuse('a text that no string list can hold');
   return [bytes.length, ...bytes];
 }
 
-// The payload of TRAK.
-export function describe(track) {
+// A track as TRAK has it.
+export function recordOf(track, id) {
   const { kind, calibrations: [{ A, B, D }], texts, band } = track;
   const tlvs = new Map();
   if (track.parameters) tlvs.set(1, track.parameters);
@@ -178,11 +172,13 @@ export function describe(track) {
     tlvs.set(3, calibration);
   }
   if (band) tlvs.set(16, band.contract);
-  const payload = [
-    0, tlvs.size, 1, KINDS[kind], FORMATS.indexOf(track.numberFormat), ...new TextEncoder().encode(track.codec),
-    ...le(track.rateNum, 4), ...le(track.rateDen, 4), ...le(track.countMin >>> 0, 4), ...le(track.countMax >>> 0, 4),
-    ...le(track.channels[0] ?? NO_TRACK, 2), ...le(NO_TRACK, 2),
-  ];
-  for (const type of [...tlvs.keys()].sort((a, b) => a - b)) payload.push(...tlv(type, tlvs.get(type)));
-  return Uint8Array.from(payload);
+  const record = [KINDS[kind] | (FORMATS.indexOf(track.numberFormat) << 4), ...new TextEncoder().encode(track.codec), 1];
+  putVarint(record, track.rateNum);
+  putVarint(record, track.rateDen);
+  putSvarint(record, track.countMin);
+  putSvarint(record, track.countMax);
+  putVarint(record, track.channels[0] ?? 0);
+  record.push(0, tlvs.size);
+  for (const type of [...tlvs.keys()].sort((a, b) => a - b)) putTlv(record, type, tlvs.get(type));
+  return { id, componentCount: 1, record: Uint8Array.from(record) };
 }

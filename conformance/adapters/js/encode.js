@@ -1,9 +1,12 @@
 // The verb `encode`: a job of conformance/README.md as a file (clause 15). Each channel is a track of its own: counts
 // by LPCR, without loss or on the grid of a contract, words as they are.
+import { digestPayload } from '../../../hapfmt/viewer/decoder/ancillary.js';
 import { randomId } from '../../../hapfmt/viewer/decoder/chunk.js';
+import { payloadsOf } from '../../../hapfmt/viewer/decoder/describe.js';
 import { TrackDigest } from '../../../hapfmt/viewer/decoder/digest.js';
 import { encodeEvents } from './encode-events.js';
-import { describe, emptyTrack, encodeTrack, makeTrack, needsLevel2, refuse } from './encode-tracks.js';
+import { emptyTrack, encodeTrack, makeTrack, needsLevel2, recordOf, refuse } from './encode-tracks.js';
+import { headPayload } from '../../../hapfmt/viewer/decoder/head.js';
 import { durationNs, packetMs } from '../../../hapfmt/viewer/decoder/indexes.js';
 import { writeJson } from '../../../hapfmt/viewer/decoder/json.js';
 import { TRACK_BOUND, limitsOf } from '../../../hapfmt/viewer/decoder/limits.js';
@@ -28,11 +31,9 @@ function writeClusters(writer, packets, tracks, limits) {
   let group = [];
   let size = 0;
   let samples = 0;
-  let count = 0;
   const flush = () => {
     if (group.length === 0) return;
     writeCluster(writer, group, tracks);
-    count++;
     [group, size, samples] = [[], 0, 0];
   };
   for (const packet of packets) {
@@ -44,15 +45,6 @@ function writeClusters(writer, packets, tracks, limits) {
     samples += more;
   }
   flush();
-  return count;
-}
-
-function headOf(level) {
-  const payload = new Uint8Array(44);
-  const view = new DataView(payload.buffer);
-  payload.set([1, 0, level]);
-  view.setBigUint64(36, 2n ** 64n - 1n, true); // the epoch is not known
-  return payload;
 }
 
 function digestOf(track) {
@@ -79,8 +71,8 @@ export function encodeJob(job, read) {
   if (tracks.length > TRACK_BOUND) refuse('too many tracks');
 
   const writer = new Writer(job.file_id ?? randomId());
-  writer.write('HEAD', headOf(limits.level));
-  tracks.forEach((track, id) => writer.write('TRAK', describe(track), { track: id }));
+  writer.write('HEAD', headPayload({ minor: 0, level: limits.level, uuid: null, tlvs: [] }));
+  for (const { payload } of payloadsOf(tracks.map(recordOf), limits.payloadBound)) writer.write('TRAK', payload);
   if (job.metadata) writer.write('mETa', new TextEncoder().encode(writeJson(job.metadata)));
 
   const clusters = new Map(); // of samples
@@ -90,12 +82,11 @@ export function encodeJob(job, read) {
     if (!clusters.has(packet.cluster)) clusters.set(packet.cluster, []);
     clusters.get(packet.cluster).push(packet);
   }
-  let dataCount = 0;
   for (const cluster of [...clusters.keys()].sort((a, b) => (a < b ? -1 : 1))) {
-    dataCount += writeClusters(writer, clusters.get(cluster), tracks, limits);
+    writeClusters(writer, clusters.get(cluster), tracks, limits);
   }
-  dataCount += writeClusters(writer, packets.filter(({ track }) => track >= sampled), tracks, limits);
-  tracks.slice(0, sampled).forEach((track, id) => writer.write('dGST', digestOf(track), { track: id }));
-  writer.writeFoot(dataCount, tracks.length, durationNs(packets, new Map(tracks.map((track, id) => [id, track]))));
+  writeClusters(writer, packets.filter(({ track }) => track >= sampled), tracks, limits);
+  tracks.slice(0, sampled).forEach((track, id) => writer.write('dGST', digestPayload(id, digestOf(track))));
+  writer.writeFoot(durationNs(packets, new Map(tracks.map((track, id) => [id, track]))));
   return writer.bytes();
 }

@@ -52,16 +52,13 @@ function* rawChannelExact(channel, calibration) {
   }
 }
 
-const KNOWN_EPOCH = 2n ** 64n - 1n;
+const textOf = (number) => (number === null ? null : String(number));
 
 function headOf(head) {
   if (head === null) return null;
-  const epoch = head.epochUncertaintyNs === KNOWN_EPOCH ? [null, null]
-    : [String(head.epochNs), String(head.epochUncertaintyNs)];
   return {
-    major: head.major, minor: head.minor, level: head.level, file_id: head.fileId,
-    uuid: head.uuid.some((byte) => byte !== 0) ? hex(head.uuid) : null,
-    epoch_ns: epoch[0], epoch_uncertainty_ns: epoch[1],
+    major: head.major, minor: head.minor, level: head.level, file_id: head.fileId, uuid: hex(head.uuid),
+    epoch_ns: textOf(head.epochNs), epoch_uncertainty_ns: textOf(head.epochUncertaintyNs),
   };
 }
 

@@ -11,7 +11,6 @@ import { firstTick, secondsOf, tickOfTime, timeOfTick } from '../../../hapfmt/vi
 
 const bytesOf = (text) => Uint8Array.from(text.match(/../g) ?? [], (pair) => parseInt(pair, 16));
 const LEVEL = limitsOf(1);
-const NO_TRACK = 0xffff;
 const SEED = clusterSeed(seedOf('0x0000000000000007'), 2);
 
 const everyTrack = { get: () => ({ kind: 'full', componentCount: 1 }), has: () => true };
@@ -40,13 +39,13 @@ export const containers = {
   },
   'clock-chunks'(c) {
     const bytes = bytesOf(c.payload);
-    const chunk = { payloadStart: 0, end: bytes.length, track: NO_TRACK, position: 0 };
+    const chunk = { payloadStart: 0, end: bytes.length, track: null, position: 0 };
     if (c.chunk === 'cMAp') {
-      const { name, points } = readMap(bytes, chunk, new Map(), false);
-      return { clock: name, points: points.map(({ tick, timeNs }) => [tick, timeNs]) };
+      const { name, points } = readMap(bytes, chunk, everyTrack, true);
+      return { track: chunk.track, clock: name, points: points.map(({ tick, timeNs }) => [tick, timeNs]) };
     }
-    const { name, observations } = readClock(bytes, chunk, new Map(), false);
-    return { clock: name, observations: observations.map(({ tick, timeNs, uncertaintyNs }) => [tick, timeNs, uncertaintyNs]) };
+    const { name, observations } = readClock(bytes, chunk, everyTrack, true);
+    return { track: chunk.track, clock: name, observations: observations.map(({ tick, timeNs, uncertaintyNs }) => [tick, timeNs, uncertaintyNs]) };
   },
   'clock-maps'(c) {
     const points = pointsOf(c);

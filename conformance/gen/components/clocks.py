@@ -12,16 +12,16 @@ from page import BrokenRule, rdiv, signed, varint
 from .component import Case, Component, tried
 
 
-def name_of(data: bytes) -> tuple[str, int]:
-    if not data or not data[0] or 1 + data[0] > len(data):
+def name_of(data: bytes, at: int) -> tuple[str, int]:
+    if at == len(data) or not data[at] or at + 1 + data[at] > len(data):
         raise BrokenRule("CLK-001")
     try:
-        name = data[1 : 1 + data[0]].decode("utf-8", "strict")
+        name = data[at + 1 : at + 1 + data[at]].decode("utf-8", "strict")
     except UnicodeDecodeError:
         raise BrokenRule("CNV-004") from None
     if "\0" in name:
         raise BrokenRule("CNV-004")
-    return name, 1 + data[0]
+    return name, at + 1 + data[at]
 
 
 def number(data: bytes, at: int) -> tuple[int, int]:
@@ -31,8 +31,9 @@ def number(data: bytes, at: int) -> tuple[int, int]:
 
 
 def parse(data: bytes, *, is_map: bool) -> Case:
-    """Name, and the rows of either."""
-    name, at = name_of(data)
+    """Track, name, and the rows of either."""
+    track, at = number(data, 0)
+    name, at = name_of(data, at)
     count, at = number(data, at)
     if count < 1 + is_map:
         raise BrokenRule("CLK-001")
@@ -60,7 +61,8 @@ def parse(data: bytes, *, is_map: bool) -> Case:
         rows.append(row)
     if at != len(data):
         raise BrokenRule("CLK-001")
-    return {"clock": name, ("points" if is_map else "observations"): rows}
+    told = {"track": track - 1 if track else None, "clock": name}
+    return told | {("points" if is_map else "observations"): rows}
 
 
 def chunks() -> Component:
@@ -73,10 +75,14 @@ def chunks() -> Component:
         ("a name of three bytes a letter", False, f.clock(seen[:1], name="€uro")),
         ("two points", True, f.clock_map([(0, -5), (7, 2)])),
         ("three points", True, f.clock_map([(-9, 2**62), (0, 2**62 + 3), (2**40, 2**62 + 2**41)])),
+        ("of track 300", False, f.clock(seen[:1], track=300)),
+        ("of track 0", True, f.clock_map([(0, -5), (7, 2)], track=0)),
+        ("a track that is not minimal", False, b"\x80" + f.clock(seen)),
+        ("a track alone", False, b"\0"),
         ("no name", False, f.clock(seen, name="")),
         ("no bytes", False, b""),
-        ("the name ends behind the payload", False, b"\x09pc"),
-        ("no UTF-8", False, b"\1\xff" + f.clock(seen)[3:]),
+        ("the name ends behind the payload", False, b"\0\x09pc"),
+        ("no UTF-8", False, b"\0\1\xff" + f.clock(seen)[4:]),
         ("no observations", False, f.clock([])),
         ("one point", True, f.clock_map([(0, 0)])),
         ("fewer than said", False, f.clock(seen, count=4)),
@@ -100,8 +106,8 @@ def chunks() -> Component:
         "clock-chunks",
         "11.6",
         ("CLK-001", "CLK-003", "CNV-004"),
-        "Payloads of cLOk, observations as [tick, time_ns, uncertainty_ns], and of cMAp, points as "
-        "[tick, time_ns].",
+        "Payloads of cLOk and their tracks (null: none), observations as [tick, time_ns, "
+        "uncertainty_ns], and of cMAp, points as [tick, time_ns].",
         cases,
     )
 

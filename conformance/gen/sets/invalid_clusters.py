@@ -16,7 +16,7 @@ RIGHT = (("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, LATE)
 
 def clusters(*payloads: bytes, span: int = 4, tracks: int = 1) -> bytes:
     """Clusters of ``tracks`` tracks that last ``span`` ticks."""
-    described = ("TRAK", f.trak(track_count=tracks), {"track": 0})
+    described = ("TRAK", f.trak(track_count=tracks))
     listed, at = list(RIGHT[:2]), TRACK_AT + f.HEADER + len(described[1])
     for payload in payloads:
         listed.append(("DATA", at, 0, max(LATE, span)))
@@ -77,7 +77,7 @@ CLUSTERS = [
      clusters(held((0, 4, 4)), held((0, 0, 4)), span=8)),
     ("packet-of-an-unknown-track", "DAT-008", "A packet belongs to track 9, which is unknown.",
      clusters(held((0, 0, 4), (9, 0, 4))), KEPT),
-    ("packet-of-track-65536", ("DAT-008", "TRK-003"), "A packet belongs to track 65536, no u16.",
+    ("packet-of-track-65536", ("DAT-008", "TRK-003"), "A packet belongs to track 65536.",
      clusters(held((0, 0, 4), (65536, 0, 4))), KEPT),
     ("cluster-of-too-many-samples", "DAT-009",
      "At level 1 a packet of two components has 2^22 + 2 samples.",
@@ -94,15 +94,14 @@ def listing(*entries: tuple, count: int | None = None, first: int = 0, previous:
     payload = f.index(entries, count=count, first=first, previous=previous) + more
     payload = payload[: len(payload) - cut]
     body = f.file(HEAD, TRACK, DATA) + f.chunk("iNDX", payload, 3)
-    return body + f.chunk("fOOT", f.foot(END, len(body) + f.FOOT, 1, 1, f.DURATION_NS), 4)
+    return body + f.chunk("fOOT", f.foot(f.HEADER + len(payload), f.DURATION_NS), 4)
 
 
 def second_index(*entries: tuple, previous: int = END, first: int = 3) -> bytes:
     """A second index; of the first, the entries are right."""
     body = f.file(HEAD, TRACK, DATA) + f.chunk("iNDX", f.index(RIGHT), 3)
-    at = len(body)
-    body += f.chunk("iNDX", f.index(entries, previous=previous, first=first), 4)
-    return body + f.chunk("fOOT", f.foot(at, len(body) + f.FOOT, 1, 1, f.DURATION_NS), 5)
+    index = f.chunk("iNDX", f.index(entries, previous=previous, first=first), 4)
+    return body + index + f.chunk("fOOT", f.foot(len(index), f.DURATION_NS), 5)
 
 
 INDEXES = [
@@ -150,33 +149,39 @@ def footer(payload: bytes) -> bytes:
     return whole[: -f.FOOT] + f.chunk("fOOT", payload, 4)
 
 
-SIZE = len(f.minimal())
-FOOT = f.foot(END, SIZE, 1, 1, f.DURATION_NS)
+AHEAD = {"entries": [("iNDX", END, 0, 0)], "previous": END, "first": 3}
+SECOND = f.index(**AHEAD)
+INDEX = f.HEADER + len(f.index(RIGHT))
+"""Bytes of the index of the usual file."""
+FOOT = f.foot(INDEX, f.DURATION_NS)
 FOOTERS = [
-    ("footer-31-bytes", "FOT-001", "The footer lacks a byte.",
-     footer(f.foot(END, SIZE - 1, 1, 1, f.DURATION_NS)[:-1]), KEPT),
-    ("footer-33-bytes", "FOT-001", "A byte follows the layout of the footer.",
-     footer(f.foot(END, SIZE + 1, 1, 1, f.DURATION_NS) + b"\0"), KEPT),
-    ("footer-other-end", "FOT-001", "The footer names another end.",
-     f.minimal(stop_offset=SIZE - 1), KEPT),
+    ("footer-11-bytes", "FOT-001", "The footer lacks a byte.", footer(FOOT[:-1]), KEPT),
+    ("footer-13-bytes", "FOT-001", "A byte follows the layout of the footer.",
+     footer(FOOT + b"\0"), KEPT),
+    ("footer-of-no-bytes", "FOT-001", "The footer has no bytes.", footer(b""), KEPT),
+    ("footer-a-byte-before-the-index", "FOT-002", "The distance of the index is a byte too far.",
+     f.minimal(index_distance=INDEX + 1), KEPT),
     ("footer-of-head", "FOT-002", "The footer names HEAD as the index.",
-     f.minimal(index_offset=8), KEPT),
+     f.minimal(index_distance=END - 8 + INDEX), KEPT),
+    ("footer-before-the-file", "FOT-002", "The footer names an index before the file.",
+     f.minimal(index_distance=2**32 - 1), KEPT),
     ("footer-of-the-first-index", "FOT-002", "The footer names the first of two indexes.",
-     f.closed(HEAD, TRACK, DATA, ("iNDX", f.index(RIGHT)), index_offset=END,
-              ahead={"entries": [("iNDX", END, 0, 0)], "previous": END, "first": 3}), KEPT),
-    ("footer-without-index", "FOT-002", "No index comes before the footer.",
-     f.file(HEAD, TRACK, DATA, ("fOOT", f.foot(0, END + f.FOOT, 1, 1, f.DURATION_NS))), KEPT),
-    ("footer-other-clusters", "FOT-002", "The footer counts two DATA chunks of one.",
-     f.minimal(data_count=2), KEPT),
-    ("footer-other-tracks", "FOT-002", "The footer counts no track.",
-     f.minimal(track_count=0), KEPT),
+     f.closed(HEAD, TRACK, DATA, ("iNDX", f.index(RIGHT)),
+              index_distance=INDEX + f.HEADER + len(SECOND), ahead=AHEAD), KEPT),
+    ("footer-of-no-index", "FOT-002", "The footer says that there is no index, and there is one.",
+     f.minimal(index_distance=0), KEPT),
+    ("footer-without-index", "FOT-002", "The footer names an index, and there is none.",
+     f.minimal(indexed=False, index_distance=END - DATA_AT), KEPT),
+    ("footer-without-index-other-duration", "FOT-002",
+     "In a file without an index the footer says a nanosecond less.",
+     f.minimal(indexed=False, duration_ns=f.DURATION_NS - 1), KEPT),
+    ("footer-duration-2-to-63", "FOT-002", "The footer says that the file lasts 2^63 ns.",
+     f.minimal(duration_ns=2**63), KEPT),
     ("footer-other-duration", "FOT-002", "The footer says a nanosecond less.",
      f.minimal(duration_ns=f.DURATION_NS - 1), KEPT),
     ("footer-duration-rounded-down", "FOT-002", "The footer rounds 4 ticks of 3 Hz down.",
-     described(rate_num=3)[:-f.FOOT] + f.chunk("fOOT", f.foot(END, SIZE, 1, 1, 1_333_333_333), 4),
+     described(rate_num=3)[:-f.FOOT] + f.chunk("fOOT", f.foot(INDEX, 1_333_333_333), 4),
      KEPT),
-    ("footer-counts-one-track-twice", "FOT-002", "The footer counts a TRAK chunk and its copy.",
-     f.closed(HEAD, TRACK, DATA, TRACK, track_count=2), KEPT),
 ]  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from broken import DATA, EITHER, FIVES, HEAD, TRACK
 from case import NONCONFORMING, Case
 
 KEPT = [FIVES]
-LAYER = ("TRAK", f.layer(), {"track": 1})
+LAYER = ("TRAK", f.layer(first=1))
 
 
 def meta(raw: bytes) -> bytes:
@@ -52,24 +52,32 @@ ATTACHMENTS = [
 ]  # fmt: skip
 
 DIGESTS = [
-    ("digest-of-no-bytes", "DGS-001", "A dGST chunk is empty.",
-     f.minimal(("dGST", b"", {"track": 0})), KEPT),
+    ("digest-of-no-bytes", ("DGS-001", "CNV-002"), "A dGST chunk is empty.",
+     f.minimal(("dGST", b"")), KEPT),
+    ("digest-of-a-track-alone", "DGS-001", "A dGST chunk ends behind its track.",
+     f.minimal(("dGST", f.digests())), KEPT),
     ("digest-of-31-bytes", "DGS-001", "A digest lacks a byte.",
-     f.minimal(("dGST", bytes(31), {"track": 0})), KEPT),
+     f.minimal(("dGST", f.digests(bytes(31)))), KEPT),
+    ("digest-of-33-bytes", "DGS-001", "A byte follows a digest.",
+     f.minimal(("dGST", f.digests(bytes(33)))), KEPT),
     ("digest-of-no-track", "DGS-001", "A digest speaks of track 1, which is not described.",
-     f.minimal(("dGST", bytes(32), {"track": 1})), KEPT),
-    ("digest-without-track", "DGS-001", "The header of a dGST chunk speaks of no track.",
-     f.minimal(("dGST", bytes(32))), KEPT),
+     f.minimal(("dGST", f.digests(bytes(32), first=1))), KEPT),
+    ("digest-of-one-track-too-many", "DGS-001", "The second of two digests speaks of track 1.",
+     f.minimal(("dGST", f.digests(bytes(64)))), KEPT),
+    ("digest-of-track-65534", "DGS-001", "A digest speaks of track 65534.",
+     f.minimal(("dGST", f.digests(bytes(32), first=65534))), KEPT),
+    ("digest-of-a-track-not-minimal", "CNV-002", "A digest speaks of track 80 00.",
+     f.minimal(("dGST", b"\x80\0" + bytes(32))), KEPT),
     ("digest-before-its-track", "DGS-001", "A digest comes before its track is described.",
-     f.closed(HEAD, TRACK, DATA, ("dGST", bytes(32), {"track": 1}),
-              ("TRAK", f.trak(first_channel=1), {"track": 1}))),
+     f.closed(HEAD, TRACK, DATA, ("dGST", f.digests(bytes(32), first=1)),
+              ("TRAK", f.trak(first_channel=1, first=1)))),
     ("digest-of-events", "DGS-001", "A digest speaks of a layer.",
-     f.minimal(LAYER, ("dGST", bytes(32), {"track": 1})), KEPT),
+     f.minimal(LAYER, ("dGST", f.digests(bytes(32), first=1))), KEPT),
 ]  # fmt: skip
 
 
-def clock(raw: bytes, track: int = 0, type_: str = "cLOk") -> bytes:
-    return f.minimal((type_, raw, {"track": track}))
+def clock(raw: bytes, type_: str = "cLOk") -> bytes:
+    return f.minimal((type_, raw))
 
 
 def mapped(*points: tuple[int, int], count: int | None = None, more: bytes = b"") -> bytes:
@@ -79,12 +87,16 @@ def mapped(*points: tuple[int, int], count: int | None = None, more: bytes = b""
 SEEN = (0, 0, 0)
 CLOCKS = [
     ("clock-of-no-bytes", ("CLK-001", "CNV-002"), "A cLOk chunk has no bytes.", clock(b"")),
+    ("clock-of-a-track-alone", "CLK-001", "A cLOk chunk ends behind its track.",
+     clock(f.clock_of(0))),
+    ("clock-of-a-track-not-minimal", "CNV-002", "A clock speaks of track 81 00.",
+     clock(b"\x81" + f.clock([SEEN]))),
     ("clock-without-name", "CLK-001", "The name of a clock is empty.",
      clock(f.clock([SEEN], ""))),
     ("clock-name-past-the-payload", "CLK-001", "A name is longer than the payload.",
-     clock(b"\2a")),
+     clock(f.clock_of(0) + b"\2a")),
     ("clock-name-no-utf-8", "CNV-004", "A name holds the byte FF.",
-     clock(b"\1\xFF" + f.clock([SEEN])[3:])),
+     clock(f.clock_of(0) + b"\1\xFF" + f.clock([SEEN])[4:])),
     ("clock-time-cut-short", ("CLK-001", "CNV-002"), "The first time ends after seven bytes.",
      clock(f.clock([SEEN])[:-2])),
     ("clock-and-a-byte", "CLK-001", "A byte follows the last observation.",
@@ -107,14 +119,16 @@ CLOCKS = [
     ("clock-map-time-stands", "CLK-003", "Two points of a map have one time.",
      mapped((0, 0), (1, 0))),
     ("clock-of-no-track", "CLK-005", "A clock speaks of track 9, which is not described.",
-     clock(f.clock([SEEN]), 9)),
+     clock(f.clock([SEEN], track=9))),
+    ("clock-of-track-2-to-53", "CLK-005", "A clock speaks of track 2^53 - 2.",
+     clock(f.clock([SEEN], track=2**53 - 2))),
     ("clock-of-events", "CLK-005", "A clock speaks of a layer.",
-     f.minimal(LAYER, ("cLOk", f.clock([SEEN]), {"track": 1}))),
+     f.minimal(LAYER, ("cLOk", f.clock([SEEN], track=1)))),
     ("clock-before-its-track", "CLK-005", "A clock comes before its track is described.",
-     f.closed(HEAD, TRACK, DATA, ("cLOk", f.clock([SEEN]), {"track": 1}),
-              ("TRAK", f.trak(first_channel=1), {"track": 1}))),
+     f.closed(HEAD, TRACK, DATA, ("cLOk", f.clock([SEEN], track=1)),
+              ("TRAK", f.trak(first_channel=1, first=1)))),
     ("clock-map-of-events", "CLK-005", "A map speaks of a layer.",
-     f.minimal(LAYER, ("cMAp", f.clock_map([(0, 0), (1, 1)]), {"track": 1}))),
+     f.minimal(LAYER, ("cMAp", f.clock_map([(0, 0), (1, 1)], track=1)))),
 ]  # fmt: skip
 
 

@@ -83,16 +83,45 @@ NO_FILE = [
      f.file(("H3AD", f.head())), None, NONCONFORMING),
 ]  # fmt: skip
 
+PIECE = ("HED-002", "TLV-001", "CNV-002")
+
+
+def told(tlvs: bytes) -> bytes:
+    """The usual file, with these bytes behind the layout of HEAD."""
+    return f.closed(("HEAD", f.head(tlvs)), TRACK, DATA)
+
+
 HEADS = [
     ("head-second", "HED-001", "An ancillary chunk is before HEAD.",
      f.closed(("aaaa", b""), HEAD, TRACK, DATA), KEPT),
     ("head-after-track", "HED-001", "HEAD is after TRAK.", f.closed(TRACK, HEAD, DATA), KEPT),
-    ("head-43-bytes", "HED-002", "HEAD lacks a byte of its layout.",
+    ("head-2-bytes", "HED-002", "HEAD lacks a byte of its layout.",
      f.closed(("HEAD", f.head()[:-1]), TRACK, DATA), None, NONCONFORMING),
-    ("head-45-bytes", ("HED-002", "TLV-001"), "A byte follows the layout of HEAD.",
-     f.closed(("HEAD", f.head(b"\0")), TRACK, DATA), KEPT),
-    ("head-reserved", "HED-005", "The reserved byte of HEAD is 1.",
-     f.closed(("HEAD", f.head(reserved=1)), TRACK, DATA), KEPT),
+    ("head-of-no-bytes", "HED-002", "HEAD has no bytes.",
+     f.closed(("HEAD", b""), TRACK, DATA), None, NONCONFORMING),
+    ("head-4-bytes", PIECE, "A byte follows the layout of HEAD, a TLV without size.",
+     told(b"\2"), KEPT),
+    ("head-tlv-past-the-chunk", PIECE, "A TLV of HEAD is a byte longer than what is left.",
+     told(f.tlv(2, bytes(16))[:-1]), KEPT),
+    ("head-tlv-not-minimal", "CNV-002", "The type of a TLV of HEAD is 88 00.",
+     told(b"\x88\0\1a"), KEPT),
+    ("head-tlvs-unordered", "TLV-001", "The epoch is before the UUID.",
+     told(f.epoch(0, 0) + f.tlv(2, bytes(16))), KEPT),
+    ("head-tlv-twice", "TLV-001", "The program is told twice.",
+     told(f.tlv(6, b"one") + f.tlv(6, b"two")), KEPT),
+    ("head-tlv-type-65536", "TLV-001", "A TLV of HEAD has the type 65536.",
+     told(f.tlv(65536, b"")), KEPT),
+    ("head-uuid-15-bytes", "HED-002", "The UUID lacks a byte.", told(f.tlv(2, bytes(15))), KEPT),
+    ("head-uuid-17-bytes", "HED-002", "A byte follows the UUID.", told(f.tlv(2, bytes(17))), KEPT),
+    ("head-uuid-of-no-bytes", "HED-002", "The UUID has no bytes.", told(f.tlv(2, b"")), KEPT),
+    ("head-epoch-8-bytes", "HED-002", "The epoch has no uncertainty.",
+     told(f.tlv(4, bytes(8))), KEPT),
+    ("head-epoch-17-bytes", "HED-002", "A byte follows the epoch.",
+     told(f.tlv(4, bytes(17))), KEPT),
+    ("head-uncertainty-2-to-63", "HED-002", "The uncertainty of the epoch is 2^63.",
+     told(f.epoch(0, 2**63)), KEPT),
+    ("head-encoder-no-utf-8", "CNV-004", "The name of the program holds the byte FF.",
+     told(f.tlv(6, b"\xFF")), KEPT),
     ("head-copy-differs", "HED-001", "A second HEAD has another minor version.",
      f.closed(HEAD, TRACK, DATA, ("HEAD", f.head(minor=1))), KEPT),
 ]  # fmt: skip
@@ -104,10 +133,18 @@ TLVS = [
      described(f.HOLD + f.tlv(4, f.strings("N")) + f.tlv(2, f.strings("a")))),
     ("tlv-unknown-twice", "TLV-001", "An unknown ancillary TLV occurs twice.",
      described(f.HOLD + f.tlv(0x8000, b"") * 2), KEPT),
-    ("tlv-half-a-header", "TLV-001", "Three bytes follow the last TLV.",
-     described(f.HOLD + b"\2\0\0")),
+    ("tlv-half-a-header", ("TLV-001", "CNV-002"), "The last TLV ends behind its type.",
+     described(f.HOLD + b"\2", tlv_count=2)),
     ("tlv-past-the-chunk", "TLV-001", "A TLV is a byte longer than what is left.",
-     described(f.HOLD + b"\2\0\1\0")),
+     described(f.HOLD + b"\2\1")),
+    ("tlv-type-65536", "TLV-001", "A TLV has the type 65536.",
+     described(f.HOLD + f.tlv(65536, b"abc"))),
+    ("tlv-type-65537", "TLV-001", "A TLV has the type 65537, which is no unknown critical one.",
+     described(f.HOLD + f.tlv(65537, b"abc"))),
+    ("tlv-type-not-minimal", "CNV-002", "The type of a TLV is 82 00.",
+     described(f.HOLD + b"\x82\0\2\1a")),
+    ("tlv-size-not-minimal", "CNV-002", "The size of a TLV is 82 00.",
+     described(f.HOLD + b"\2\x82\0\1a")),
     ("labels-two-for-three", "TLV-004", "Two labels for three components.",
      described(f.HOLD + f.tlv(2, f.strings("a", "b")), component_count=3, packet=THREE)),
     ("label-missing", "TLV-004", "A list of strings is empty.",
@@ -140,7 +177,7 @@ TLVS = [
 
 OPEN = [
     ("open-and-no-tracks", "TRK-002", "A file that was not closed has a series without tracks.",
-     f.file(HEAD, ("TRAK", f.trak(track_count=0), {"track": 0})), None, NONCONFORMING, "VRD-001"),
+     f.file(HEAD, ("TRAK", f.trak(track_count=0))), None, NONCONFORMING, "VRD-001"),
     ("open-and-no-knot", ("KNT-002", "CNV-002", "COD-001"),
      "A file that was not closed has a packet without its first knot.",
      f.file(HEAD, TRACK, ("DATA", f.cluster((0, 0, 4, b"")))), None, None, "VRD-001"),

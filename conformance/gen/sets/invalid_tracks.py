@@ -11,6 +11,8 @@ from broken import DATA, FIVES, HEAD, described, series
 from case import Case
 
 KEPT = [FIVES]
+CUT = ("TLV-001", "CNV-002", "TRK-002")
+"""A track that ends too early."""
 UNKNOWN_TRACK = ("TRK-001", "DAT-008")
 
 
@@ -38,16 +40,39 @@ DESCRIPTIONS = [
      series((f.trak(), 0), (f.trak(rate_den=0, first_channel=1), 1))),
     ("components-256", "TRK-002", "Sixteen tracks have sixteen components each.",
      series((f.trak(), 0), (f.trak(track_count=16, component_count=16, first_channel=1), 1))),
-    ("tracks-and-a-byte", "TLV-001", "A byte follows the last track.",
-     described(f.HOLD + b"\0")),
-    ("tlv-that-is-not-there", "TLV-001", "A track has one TLV less than it says.",
+    ("rate-numerator-2-to-32", "TRK-002", "A rate is 2^32 / 1.",
+     series((f.trak(), 0), (f.trak(rate_num=2**32, first_channel=1), 1))),
+    ("rate-denominator-2-to-32", "TRK-002", "A rate is 1000 / 2^32.",
+     series((f.trak(), 0), (f.trak(rate_den=2**32, first_channel=1), 1))),
+    *[(f"track-{name}-not-minimal", "CNV-002", f"The number {name} of a track is {told}.",
+       series((f.trak(**{field: raw}), 0)))
+      for name, field, raw, told in [
+          ("rate-num", "rate_num", b"\xe8\x87\0", "E8 87 00"),
+          ("rate-den", "rate_den", b"\x81\0", "81 00"),
+          ("count-min", "count_min", b"\xc7\x81\0", "C7 81 00"),
+          ("count-max", "count_max", b"\xc8\x81\0", "C8 81 00"),
+          ("first-channel", "first_channel", b"\x80\0", "80 00"),
+          ("linked", "linked", b"\x80\0", "80 00")]],
+    ("track-rate-of-nine-bytes", "CNV-002", "The number rate-num of a track has nine bytes.",
+     series((f.trak(rate_num=b"\x80" * 8 + b"\1"), 0))),
+    ("track-ends-within-a-number", CUT, "A track ends within its range.",
+     f.closed(HEAD, ("TRAK", f.trak() + f.track()[:9]), DATA)),
+    ("first-track-not-minimal", "CNV-002", "The id of the first track is 80 00.",
+     f.closed(HEAD, ("TRAK", b"\x80\0\0" + f.track()), DATA)),
+    ("tracks-and-a-byte", CUT, "A byte follows the last track.",
+     described(f.HOLD + b"\0", tlv_count=1)),
+    ("tlv-that-is-not-there", CUT, "A track has one TLV less than it says.",
      described(tlv_count=2)),
-    ("tlv-more-than-told", "TLV-001", "A track has one TLV more than it says.",
+    ("tlv-more-than-told", CUT, "A track has one TLV more than it says.",
      described(tlv_count=0)),
-    ("tracks-cut-short", "TLV-001", "The second track ends with its codec.",
-     f.closed(HEAD, ("TRAK", f.trak() + f.track()[:8], {"track": 0}), DATA, track_count=2)),
+    ("tracks-cut-short", CUT, "The second track ends with its codec.",
+     f.closed(HEAD, ("TRAK", f.trak() + f.track()[:5]), DATA)),
     ("track-65534", "TRK-003", "A track has the id 65534.",
      series((f.trak(), 0), (f.trak(first_channel=1), 65534))),
+    ("track-65534-of-two", "TRK-003", "The second track of a chunk has the id 65534.",
+     series((f.trak(), 0), (f.trak(track_count=2, first_channel=1), 65533))),
+    ("track-of-2-to-53", "TRK-003", "A track has the id 2^53 - 1.",
+     series((f.trak(), 0), (f.trak(first_channel=1), 2**53 - 1))),
     ("track-described-twice", "TRK-003", "A TRAK chunk is repeated with another range.",
      series((f.trak(), 0), (f.trak(count_max=101), 0)), KEPT),
     ("range-upside-down", "TRK-005", "The lowest count is above the highest.",
@@ -56,6 +81,10 @@ DESCRIPTIONS = [
      described(count_min=-(2**23) - 1), KEPT),
     ("range-25-bits-above", "TRK-005", "At level 1 count_max is 2^23.",
      described(count_max=2**23), KEPT),
+    ("range-33-bits", "TRK-005", "At level 2 count_max is 2^31.",
+     described(count_max=2**31, level=2), KEPT),
+    ("range-54-bits", "TRK-005", "At level 2 count_min is -2^52.",
+     described(count_min=-(2**52), level=2), KEPT),
     ("range-of-hf-26-bits", "TRK-005", "At level 1 count_max of an HF track is 2^24.",
      with_hf(count_max=2**24)),
     ("words-in-knots", "TRK-006", "A track of int64 has the codec KNOT.",
@@ -70,8 +99,10 @@ DESCRIPTIONS = [
      words(f.tlv(3, f.calibration(2)))),
     ("words-with-a-deadband", "TRK-006", "A track of int64 has a deadband contract.",
      words(f.tlv(16, f.deadband()))),
-    ("hf-without-base", "TRK-007", "An HF track has the base 0xFFFF.",
+    ("hf-without-base", "TRK-007", "An HF track is linked to no track.",
      series((f.trak(), 0), (f.trak(kind=2, first_channel=1), 1))),
+    ("hf-base-of-2-to-53", "TRK-007", "The base of an HF track is 2^53 - 2.",
+     series((f.trak(), 0), (f.trak(kind=2, base=2**53 - 2, first_channel=1), 1))),
     ("hf-base-unknown", "TRK-007", "The base of an HF track is not described.",
      series((f.trak(), 0), (f.trak(kind=2, base=9, first_channel=1), 1))),
     ("hf-before-its-base", "TRK-007", "An HF track is before its base.",
@@ -95,6 +126,8 @@ DESCRIPTIONS = [
           (10, "group", f.strings("a")), (18, "deviation", f.deviation(1, 1))]],
     ("channel-65535", "TRK-010", "A component has the channel number 65535.",
      described(first_channel=65535)),
+    ("channel-of-2-to-53", "TRK-010", "A component has the channel number 2^53 - 1.",
+     described(first_channel=2**53 - 1)),
     ("channel-taken", "TRK-010", "Two tracks have the same channel number.",
      series((f.trak(), 0), (f.trak(), 1))),
     ("channels-with-a-hole", "TRK-010", "The only channel of a closed file is number 1.",
@@ -110,13 +143,15 @@ def squeezed(size: int | None = None, *, kind: int = 2, cut: int = 0, more: byte
     plain = f.track()
     found = deflate.deflate(plain, kind) if stream is None else stream
     found = found[: len(found) - cut] + more
-    payload = f.varint(len(plain) if size is None else size) + found
-    return f.closed(HEAD, ("TRAK", payload, {"track": 0}), DATA)
+    payload = b"\0" + f.varint(len(plain) if size is None else size) + found
+    return f.closed(HEAD, ("TRAK", payload), DATA)
 
 
 DEFLATED = [
     ("tracks-no-payload", ("CNV-002", "TLV-001", "TRK-020"), "A TRAK chunk is empty.",
-     f.closed(HEAD, ("TRAK", b"", {"track": 0}), DATA)),
+     f.closed(HEAD, ("TRAK", b""), DATA)),
+    ("tracks-no-size", ("CNV-002", "TLV-001", "TRK-020"), "A TRAK chunk ends behind first_track.",
+     f.closed(HEAD, ("TRAK", b"\0"), DATA)),
     ("tracks-no-stream", "TRK-020", "A DEFLATE stream has no byte.",
      squeezed(stream=b"")),
     ("tracks-more-than-told", "TRK-020", "A DEFLATE stream gives a byte more.",
@@ -134,9 +169,9 @@ DEFLATED = [
     ("tracks-stream-too-far-back", "TRK-020", "A DEFLATE stream repeats what is not there.",
      squeezed(stream=deflate.packed(deflate.block([7, (3, 2)], last=True, kind=1)))),
     ("tracks-size-not-minimal", ("CNV-002", "TRK-020"), "The size of the tracks is 80 00.",
-     f.closed(HEAD, ("TRAK", b"\x80\0" + f.track(), {"track": 0}), DATA)),
+     f.closed(HEAD, ("TRAK", b"\0\x80\0" + f.track()), DATA)),
     ("tracks-in-a-stream-broken", "TRK-002", "A track in a DEFLATE stream has no component.",
-     f.closed(HEAD, ("TRAK", f.squeezed(f.trak(component_count=0)), {"track": 0}), DATA)),
+     f.closed(HEAD, ("TRAK", f.squeezed(f.trak(component_count=0))), DATA)),
 ]  # fmt: skip
 
 
@@ -148,19 +183,17 @@ def continuing(base: bytes = f.trak(), tlvs: bytes = b"", **fields: object) -> b
 def split(*clusters: bytes, more: tuple = ()) -> bytes:
     """Tracks 0 and 1, one channel, that end at tick 8."""
     rows = [("DATA", cluster) for cluster in clusters]
-    second = f.trak(continues=0)
-    tracks = [("TRAK", f.trak(), {"track": 0}), ("TRAK", second, {"track": 1})]
+    tracks = [("TRAK", f.trak()), ("TRAK", f.trak(continues=0, first=1))]
     return f.closed(HEAD, *(more or tracks), *rows, duration_ns=8_000_000)
 
 
 def bands() -> list:
     """LF and HF tracks 0 and 1, and 2 and 3, which continue them."""
-    lf = f.trak(continues=0, kind=1)
     return [
-        ("TRAK", f.trak(kind=1), {"track": 0}),
-        ("TRAK", f.trak(kind=2, base=0), {"track": 1}),
-        ("TRAK", lf, {"track": 2}),
-        ("TRAK", f.trak(kind=2, base=2), {"track": 3}),
+        ("TRAK", f.trak(kind=1)),
+        ("TRAK", f.trak(kind=2, base=0, first=1)),
+        ("TRAK", f.trak(continues=0, kind=1, first=2)),
+        ("TRAK", f.trak(kind=2, base=2, first=3)),
     ]
 
 
@@ -176,6 +209,8 @@ def at(*packets: tuple[int, int, int]) -> bytes:
 CONTINUED = [
     ("continues-an-unknown-track", "TRK-016", "A track continues track 8, which is not described.",
      continuing(continues=8, first_channel=1)),
+    ("continues-track-2-to-53", "TRK-016", "A track continues track 2^53 - 2.",
+     continuing(continues=2**53 - 2, first_channel=1)),
     ("continues-itself", "TRK-016", "A track continues itself.",
      continuing(continues=1, first_channel=1)),
     ("continues-a-later-track", "TRK-016", "A track continues one of a greater id.",

@@ -28,6 +28,7 @@ from broken import (
     track,
 )  # fmt: skip
 from case import DAMAGED, INTACT, NONCONFORMING, UNSUPPORTED, Case, numbers
+from facts import closed_at
 
 WORDS = {INTACT: "intact", NONCONFORMING: "nonconforming", DAMAGED: "damaged"}
 OR_LESS = [INTACT, UNSUPPORTED]
@@ -66,8 +67,8 @@ def residual(level: int, bits: int) -> bytes:
     lf = {"count_min": -(2**23), "count_max": 2**23 - 1} if level == 1 else ends
     return f.closed(
         ("HEAD", f.head(level=level)),
-        ("TRAK", f.trak(kind=1, **lf), {"track": 0}),
-        ("TRAK", f.trak(kind=2, base=0, **ends), {"track": 1}),
+        ("TRAK", f.trak(kind=1, **lf)),
+        ("TRAK", f.trak(kind=2, base=0, **ends, first=1)),
         ("DATA", f.cluster((0, 0, 2, knots), (1, 0, 2, knots))),
         duration_ns=lasting(2),
     )
@@ -91,16 +92,14 @@ LOUDEST = page_transform.encode([[0] * 31 + [8]], COARSEST)
 LOUD = [page.clamp(x, -(2**23), 2**23 - 1)
         for x in page_transform.decode(LOUDEST, 2, 5, COARSEST)]  # fmt: skip
 
-FAR = (("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, 2**53 - 1))
+LISTED = (("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, f.LATE_MS))
 
 
 def late(start: int, span: int, rate_den: int = 1) -> bytes:
     """A packet at the end of all ticks, and its index and footer."""
-    return f.closed(
-        HEAD, ("TRAK", f.trak(rate_den=rate_den), {"track": 0}),
-        ("DATA", f.cluster((0, start, span, f.KNOT_DATA))),
-        ahead={"entries": FAR}, duration_ns=2**63 - 1,
-    )  # fmt: skip
+    cluster = ("DATA", f.cluster((0, start, span, f.KNOT_DATA)))
+    chunks = [HEAD, ("TRAK", f.trak(rate_den=rate_den)), cluster]
+    return closed_at(chunks, [(0, 2**53 - 1)], 2**63 - 1)
 
 
 ALLOWED = [
@@ -181,16 +180,16 @@ PROMISES = [
     ("packet-of-2-to-53-bytes", "DAT-005", "A packet promises 2^53 - 1 bytes.",
      f.closed(HEAD, TRACK, ("DATA", f.table([(0, LARGE, 0, 4, 0)])))),
     ("tracks-of-2-to-53-bytes", "TRK-020", "A DEFLATE stream of TRAK promises 2^53 - 1 bytes.",
-     f.closed(HEAD, ("TRAK", f.varint(LARGE) + f.squeezed(f.trak())[1:], {"track": 0}))),
+     f.closed(HEAD, ("TRAK", b"\0" + f.varint(LARGE) + f.squeezed(f.trak())[2:]))),
     ("tracks-of-2-to-20-bytes", "TRK-020", "A DEFLATE stream promises 2^20 - 1 bytes, and has few.",
-     f.closed(HEAD, ("TRAK", f.varint(2**20 - 1) + f.squeezed(f.trak())[1:], {"track": 0}))),
+     f.closed(HEAD, ("TRAK", b"\0" + f.varint(2**20 - 1) + f.squeezed(f.trak())[2:]))),
     ("tracks-above-level-1", "TRK-020", "A DEFLATE stream promises 2^20 bytes at level 1.",
-     f.closed(HEAD, ("TRAK", f.varint(2**20) + f.squeezed(f.trak())[1:], {"track": 0}))),
+     f.closed(HEAD, ("TRAK", b"\0" + f.varint(2**20) + f.squeezed(f.trak())[2:]))),
     ("clock-of-2-to-53-observations", ("CLK-001", "CNV-002"),
      "A clock promises 2^53 - 1 observations.",
-     f.minimal(("cLOk", f.clock([(0, 0, 0)], count=LARGE), {"track": 0}))),
+     f.minimal(("cLOk", f.clock([(0, 0, 0)], count=LARGE, track=0)))),
     ("map-of-2-to-53-points", ("CLK-001", "CNV-002"), "A map promises 2^53 - 1 points.",
-     f.minimal(("cMAp", f.clock_map([(0, 0), (1, 1)], count=LARGE), {"track": 0}))),
+     f.minimal(("cMAp", f.clock_map([(0, 0), (1, 1)], count=LARGE, track=0)))),
     ("components-of-2-to-64-bytes", "LPC-001", "254 components promise 2^60 bytes and some.",
      packed(b"LPCR", f.lpcr_parameters(), f.varint(LARGE) * 254 + b"\x10\0\0", 1,
             component_count=255)),
@@ -227,7 +226,7 @@ def zeros(count: int) -> bytes:
 
 def one_payload(size: int, level: int) -> Callable[[], bytes]:
     """An attachment so large that an index comes before it (IDX-005)."""
-    before = f.index([*FAR[:2], ("DATA", DATA_AT, 0, f.LATE_MS)])
+    before = f.index(LISTED)
     entries = [("iNDX", END, 0, 0), ("aTTc", END + f.HEADER + len(before), 0, 0)]
     return lambda: f.closed(
         ("HEAD", f.head(level=level)), TRACK, f.DATA_0, ("iNDX", before),
@@ -254,20 +253,25 @@ def rows(count: int, level: int) -> Callable[[], bytes]:
 
 
 def marks(packet: bytes) -> bytes:
-    return f.minimal(("TRAK", f.layer(), {"track": 1}), ("DATA", f.cluster((1, 0, 1, packet))))
+    return f.minimal(("TRAK", f.layer(first=1)), ("DATA", f.cluster((1, 0, 1, packet))))
 
 
-def repeating(count: int, tlvs: bytes, first: int) -> bytes:
+def repeating(count: int, tlvs: bytes, channel: int, first: int) -> bytes:
     """The payload of tracks that differ in their channels alone, in a DEFLATE stream of tokens that
     say so: to look for them takes long."""
-    one = f.track(tlvs, first_channel=first)
-    rest = len(one) - 26
-    longest = [(258, len(one))] * (rest // 258) + [(rest % 258, len(one))]
+    one = f.track(tlvs, first_channel=channel)
+    rest = 2 + len(tlvs)
+    ahead = len(one) - rest - len(f.varint(channel))
     tokens: list[Any] = list(one)
-    for channel in range(first + 1, first + count):
-        tokens += [(24, len(one)), *channel.to_bytes(2, "little"), *longest]
+    size = last = len(one)
+    for number in range(channel + 1, channel + count):
+        own = f.varint(number)
+        length = ahead + len(own) + rest
+        behind = last + len(own) - (last - ahead - rest)
+        tokens += [(ahead, last), *own, *[(258, behind)] * (rest // 258), (rest % 258, behind)]
+        size, last = size + length, length
     stream = deflate.packed(deflate.block(tokens, last=True, kind=deflate.DYNAMIC))
-    return f.varint(count * len(one)) + stream
+    return f.varint(first) + f.varint(size) + stream
 
 
 def many(width: int, count: int, tlvs: bytes = f.HOLD, *, squeeze: bool = False) -> bytes:
@@ -278,10 +282,10 @@ def many(width: int, count: int, tlvs: bytes = f.HOLD, *, squeeze: bool = False)
         channels = min(255, count - first)
         tracks = channels if width == 1 else 1
         given = {"track_count": tracks, "component_count": channels // tracks}
-        payload = f.trak(tlvs, first_channel=first, **given)
+        payload = f.trak(tlvs, first=track_id, first_channel=first, **given)
         if squeeze:
-            payload = repeating(tracks, tlvs, first)
-        chunks.append(("TRAK", payload, {"track": track_id}))
+            payload = repeating(tracks, tlvs, first, track_id)
+        chunks.append(("TRAK", payload))
         track_id += tracks
     return f.closed(*chunks)
 

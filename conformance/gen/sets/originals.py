@@ -42,9 +42,9 @@ def constants(*counts: int, kn: int = 1, kd: int = 10, floor: int = 1, zero: int
 def residual(contract: bytes) -> bytes:
     """A constant 100 and, next to it, 3."""
     lf = f.trak(kind=1, count_max=2000)
-    hf = f.trak(f.HOLD + contract, kind=2, base=0, count_max=2000)
+    hf = f.trak(f.HOLD + contract, kind=2, base=0, count_max=2000, first=1)
     packets = (0, 0, 4, f.svarint(100)), (1, 0, 4, f.svarint(3))
-    return f.closed(HEAD, ("TRAK", lf, {"track": 0}), ("TRAK", hf, {"track": 1}),
+    return f.closed(HEAD, ("TRAK", lf), ("TRAK", hf),
                     ("DATA", f.cluster(*packets)), duration_ns=lasting(4))  # fmt: skip
 
 

@@ -38,13 +38,6 @@ def open_files() -> Iterator[Case]:
         ["FIL-003", "VRD-001"], "crash/not-closed", DATA[: FOOT.at],
         damages=[("not-closed", FOOT.at, 0)], recover=0,
     )  # fmt: skip
-    flagged = f.chunk("fOOT", DATA[FOOT.at + f.HEADER :], 6, flags=1)
-    yield wrecked(
-        "footer-of-a-later-version",
-        "A footer with a critical flag is an unknown ancillary chunk: the file is not closed.",
-        ["FIL-003", "CHK-007", "VRD-001"], "crash/not-closed", DATA[: FOOT.at] + flagged,
-        damages=[("not-closed", END, 0)], recover=0,
-    )  # fmt: skip
     yield wrecked(
         "cut-between", "Cut between two clusters: no reader can know of the third.",
         ["FIL-003", "VRD-001"], "crash/cut-between", DATA[: THIRD.at], kept=TWO_CLUSTERS,
@@ -196,6 +189,7 @@ def indexes() -> Iterator[Case]:
             ("not-closed", len(bare.data), 0),
         ],
     )  # fmt: skip
+    yield from closed_without()
     live = w.lay(HEAD, THREE, *w.clusters(0, 40), ("iNDX", b""), *w.clusters(80), close=False)
     place = live.of("DATA", 1)
     yield wrecked(
@@ -216,6 +210,66 @@ def indexes() -> Iterator[Case]:
         damages=[("garbage", late.at, 7), ("not-closed", late.at + 7, 0)],
     )  # fmt: skip
     yield chain()
+
+
+def closed_without() -> Iterator[Case]:
+    """A closed file without an index: the packets next to a hole tell how far it may go."""
+    laid = w.lay(HEAD, THREE, *w.clusters(0, 40, 80), indexed=False)
+    place, last, foot = laid.of("DATA", 1), laid.of("DATA", 2), laid.of("fOOT")
+    row, end = laid.row(1, 40), len(laid.data)
+    kept = dict.fromkeys(range(3), ((0, 4), (80, 84)))
+    yield wrecked(
+        "no-index-packet-flip", "A packet of a closed file without an index is damaged.",
+        ["REC-003", "REC-012", "FOT-002"], "transmission/bit-flip", w.flip(laid.data, row.at),
+        kept=dict.fromkeys((0, 2), ((0, 4), (40, 44), (80, 84))) | {1: ((0, 4), (80, 84))},
+        lost=[(0, 44, 80), (1, 4, 80), (2, 4, 40)],
+        damages=[("bad-payload", place.at, place.size), ("bad-packet", row.at, row.size)],
+    )  # fmt: skip
+    yield wrecked(
+        "no-index-header-flip",
+        "A header in a closed file without an index is damaged: the packets around tell what was "
+        "there.",
+        ["REC-003", "REC-012", "CHK-002"], "transmission/bit-flip", w.flip(laid.data, place.at),
+        kept=kept, lost=[(track, 4, 80) for track in range(3)],
+        damages=[("garbage", place.at, place.size), ("missing-chunk", last.at, 0)],
+    )  # fmt: skip
+    yield wrecked(
+        "no-index-cluster-lost", "A cluster of a closed file without an index is missing.",
+        ["REC-003", "REC-012", "CHK-005"], "framing/missing",
+        w.without(laid.data, place.at, place.stop),
+        kept=kept, lost=[(track, 4, 80) for track in range(3)],
+        damages=[("missing-chunk", place.at, 0)],
+    )  # fmt: skip
+    for name, at, damages, lost in (
+        ("payload", foot.payload, [("bad-payload", foot.at, foot.size), ("not-closed", end, 0)],
+         []),
+        ("header", foot.at + 9, [("garbage", foot.at, foot.size), ("not-closed", end, 0)],
+         [(track, 84, None) for track in range(3)]),
+    ):  # fmt: skip
+        yield wrecked(
+            f"no-index-footer-{name}-flip",
+            f"A bit in the {name} of the footer is wrong, and there is no index.",
+            ["FIL-003", "REC-003"], "transmission/bit-flip", w.flip(laid.data, at),
+            kept=dict.fromkeys(range(3), ((0, 4), (40, 44), (80, 84))), damages=damages, lost=lost,
+            recover=3 if lost else 0,
+        )  # fmt: skip
+    stop = last.rows[1].at + 3
+    zero = last.rows[0]
+    yield wrecked(
+        "no-index-cut", "A file without an index is cut within its last cluster.",
+        ["FIL-003", "REC-003", "REC-012"], "crash/cut-payload", laid.data[:stop],
+        kept={0: ((0, 4), (40, 44), (80, 84)), 1: ((0, 4), (40, 44)), 2: ((0, 4), (40, 44))},
+        damages=[
+            ("truncated", last.at, stop - last.at), ("bad-packet", zero.stop, stop - zero.stop),
+            ("not-closed", stop, 0),
+        ], lost=[(0, 84, None), (1, 44, None), (2, 44, None)],
+    )  # fmt: skip
+    yield wrecked(
+        "no-index-head-flip", "HEAD of a closed file without an index is damaged.",
+        ["CHK-003", "HED-001"], "transmission/bit-flip", w.flip(laid.data, 8 + w.HEADER),
+        kept=dict.fromkeys(range(3), ((0, 4), (40, 44), (80, 84))),
+        damages=[("bad-payload", 8, laid.of("HEAD").size), ("missing-head", 8, 0)],
+    )  # fmt: skip
 
 
 def chain() -> Case:

@@ -29,7 +29,7 @@ WRONG = DIGESTS[:32] + digest(1, [(0, 11)]) + DIGESTS[64:]
 
 
 def digested(payload: bytes, *more: w.Chunk) -> Laid:
-    return w.lay(HEAD, THREE, *more, *w.clusters(0, 4, 8), ("dGST", payload, {"track": 0}))
+    return w.lay(HEAD, THREE, *more, *w.clusters(0, 4, 8), ("dGST", f.digests(payload)))
 
 
 def bad(laid: Laid, type_: str, number: int = 0) -> w.Damage:
@@ -55,7 +55,7 @@ def cases() -> Iterator[Case]:
 
 def digests() -> Iterator[Case]:
     laid = digested(WRONG)
-    place = laid.of("dGST").payload + 32
+    place = laid.of("dGST").payload + 33
     yield wrecked(
         "digest-differs", "A track decodes to other numbers than its digest says.",
         ["DGS-002", "REC-010"], "structure/digest", laid.data,
@@ -66,7 +66,7 @@ def digests() -> Iterator[Case]:
     yield wrecked(
         "digest-differs-and-damage", "A digest is compared in a file with damage elsewhere, too.",
         ["DGS-002", "REC-010"], "structure/digest", data,
-        damages=[bad(laid, "mETa"), ("bad-digest", laid.of("dGST").payload + 32, 32)],
+        damages=[bad(laid, "mETa"), ("bad-digest", laid.of("dGST").payload + 33, 32)],
     )  # fmt: skip
     laid = digested(DIGESTS)
     row, place = laid.row(1, 4), laid.of("DATA", 1)
@@ -85,7 +85,7 @@ def digests() -> Iterator[Case]:
     )  # fmt: skip
     early = w.lay(
         HEAD, THREE, *w.clusters(0, 4),
-        ("dGST", b"".join(digest(track, [(0, 8)]) for track in range(3)), {"track": 0}),
+        ("dGST", f.digests(*(digest(track, [(0, 8)]) for track in range(3)))),
         *w.clusters(8), close=False,
     )  # fmt: skip
     yield wrecked(
@@ -133,7 +133,7 @@ def told(name: str, content: bytes) -> dict[str, Any]:
 
 def attached_file() -> Iterator[Case]:
     data = f.cluster((0, 0, 4, f.KNOT_DATA), file_id=9)
-    other = f.file(HEAD, ("TRAK", f.trak(), {"track": 0}), ("DATA", data), file_id=9)
+    other = f.file(HEAD, ("TRAK", f.trak()), ("DATA", data), file_id=9)
     laid = w.lay(HEAD, THREE, file_of("other.hapf", other), *w.clusters(0, 4, 8))
     yield wrecked(
         "head-lost-before-an-attached-file",
@@ -141,7 +141,8 @@ def attached_file() -> Iterator[Case]:
         ["CHK-004", "REC-001", "HED-001"], "transmission/bit-flip", w.flip(laid.data, 8 + 28),
         decode=WHOLE | {"attachments": [told("other.hapf", other)]},
         damages=[
-            ("garbage", 8, 80), ("missing-chunk", laid.of("TRAK").at, 0), ("missing-head", 8, 0),
+            ("garbage", 8, laid.of("HEAD").size), ("missing-chunk", laid.of("TRAK").at, 0),
+            ("missing-head", 8, 0),
         ],
     )  # fmt: skip
 
@@ -169,7 +170,7 @@ def attachments() -> Iterator[Case]:
 
 def nested() -> Iterator[Case]:
     """A file within an attachment is content, until the attachment is damaged."""
-    inner = w.lay(HEAD, ("TRAK", f.trak(), {"track": 0}), [w.packet(0, 100)], close=False)
+    inner = w.lay(HEAD, ("TRAK", f.trak()), [w.packet(0, 100)], close=False)
     outer = [HEAD, THREE, *w.clusters(0)]
     laid = w.lay(*outer, ("aTTc", f.strings("a", "") + inner.data), *w.clusters(4, 8))
     place = laid.of("aTTc")
@@ -193,7 +194,7 @@ def nested() -> Iterator[Case]:
         ],
     )  # fmt: skip
     data = f.cluster(w.packet(0, 100), file_id=9)
-    track, meta = ("TRAK", f.trak(), {"track": 0}), ("mETa", b'{"a":1}')
+    track, meta = ("TRAK", f.trak()), ("mETa", b'{"a":1}')
     content = f.strings("a", "") + f.file(HEAD, track, ("DATA", data), meta, file_id=9)
     laid = w.lay(*outer, ("aTTc", content), *w.clusters(4, 8))
     place = laid.of("aTTc")
@@ -221,7 +222,7 @@ def clocks() -> Iterator[Case]:
     seen = [(0, 1000, 5), (10, 11_000, 5)]
     points = [(0, 0), (1000, 999_999)]
     laid = w.lay(
-        HEAD, THREE, ("cLOk", f.clock(seen), {"track": 0}), *w.clusters(0, 4, 8),
+        HEAD, THREE, ("cLOk", f.clock(seen, track=0)), *w.clusters(0, 4, 8),
         ("cLOk", f.clock(seen[:1], "UTC")), ("cMAp", f.clock_map(points)),
     )  # fmt: skip
     pc = {"track": 0, "name": "pc", "observations": [[0, "1000", "5"], [10, "11000", "5"]]}
@@ -242,14 +243,11 @@ def clocks() -> Iterator[Case]:
 
 
 def clocks_of_tracks() -> Iterator[Case]:
-    first, second = (
-        ("TRAK", f.trak(), {"track": 0}),
-        ("TRAK", f.trak(first_channel=1), {"track": 1}),
-    )
+    first, second = ("TRAK", f.trak()), ("TRAK", f.trak(first_channel=1, first=1))
     seen = [(0, 1000, 5)]
     laid = w.lay(
-        HEAD, first, second, *w.clusters(0, 4, 8, tracks=2), ("cLOk", f.clock(seen), {"track": 1}),
-        ("cLOk", f.clock(seen), {"track": 0}),
+        HEAD, first, second, *w.clusters(0, 4, 8, tracks=2), ("cLOk", f.clock(seen, track=1)),
+        ("cLOk", f.clock(seen, track=0)),
     )  # fmt: skip
     rows = [laid.row(1, start) for start in (0, 4, 8)]
     yield wrecked(

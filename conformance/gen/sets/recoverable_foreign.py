@@ -31,8 +31,7 @@ def other_of(laid: w.Laid, packets: dict[int, list[w.Packet]]) -> bytes:
         if place.type == "DATA":
             rows = map(strange, packets[place.sequence])
             payload = f.cluster(*rows, file_id=OTHER_ID)
-        track = 0 if place.type == "TRAK" else f.NONE
-        out.append(f.chunk(place.type, payload, place.sequence, track=track, file_id=OTHER_ID))
+        out.append(f.chunk(place.type, payload, place.sequence, file_id=OTHER_ID))
     return b"".join(out)
 
 
@@ -127,7 +126,7 @@ def choices() -> Iterator[Case]:
     )  # fmt: skip
     large = w.lay(HEAD, THREE, [w.packet(0, 0, 1000)], *w.clusters(1000), close=False)
     place, row = large.of("DATA"), large.row(0, 0)
-    small = f.chunk("TRAK", THREE[1], 1, track=0, file_id=OTHER_ID) + b"".join(
+    small = f.chunk("TRAK", THREE[1], 1, file_id=OTHER_ID) + b"".join(
         f.chunk("DATA", f.cluster(w.packet(0, n), file_id=OTHER_ID), n, file_id=OTHER_ID)
         for n in range(2, 24)
     )

@@ -263,7 +263,7 @@ def stale() -> Iterator[Case]:
 
 def small() -> Iterator[Case]:
     """Packets of a byte or none."""
-    one = ("TRAK", f.trak(), {"track": 0})
+    one = ("TRAK", f.trak())
     single = w.lay(HEAD, one, *[[w.packet(0, at, 1)] for at in range(3)])
     place = single.of("DATA", 1)
     yield wrecked(
@@ -275,7 +275,7 @@ def small() -> Iterator[Case]:
             ("bad-table", place.payload, place.size - w.HEADER),
         ], lost=[(0, 1, 2)],
     )  # fmt: skip
-    two = ("TRAK", f.trak(track_count=2), {"track": 0})
+    two = ("TRAK", f.trak(track_count=2))
     pairs = w.lay(HEAD, two, *[[w.packet(t, at, 1) for t in range(2)] for at in range(3)])
     place = pairs.of("DATA", 1)
     yield wrecked(
@@ -288,9 +288,9 @@ def small() -> Iterator[Case]:
         lost=[(0, 1, 2), (1, 1, 2)],
     )  # fmt: skip
     zeros = f.tlv(1, f.quan_parameters(b"\x10", m=0))
-    silent = f.trak(zeros, track_count=1, codec=b"QUAN", first_channel=2)
+    silent = f.trak(zeros, track_count=1, codec=b"QUAN", first_channel=2, first=2)
     quiet = [[*(w.packet(t, at) for t in range(2)), (2, at, 4, b"")] for at in (0, 4, 8)]
-    empty = w.lay(HEAD, two, ("TRAK", silent, {"track": 2}), *quiet)
+    empty = w.lay(HEAD, two, ("TRAK", silent), *quiet)
     place = empty.of("DATA", 1)
     row = empty.row(1, 4)
     numbers = {"spans": [[0, 12]], "numbers": w.numbers([0] * 12)}
@@ -305,7 +305,7 @@ def small() -> Iterator[Case]:
     )  # fmt: skip
     wide = f.trak(f.tlv(1, f.knot_parameters(1)), component_count=1)
     broken = [[(0, 0, 4, f.svarint(5))], [(0, 4, 4, b"\x80")], [(0, 8, 4, f.svarint(5))]]
-    spoilt = w.lay(HEAD, ("TRAK", wide, {"track": 0}), *broken)
+    spoilt = w.lay(HEAD, ("TRAK", wide), *broken)
     row = spoilt.row(0, 4)
     spans = {"spans": [[0, 4], [8, 12]], "numbers": w.numbers([5] * 8)}
     decode = {"tracks": [{"track": 0, **spans}], "channels": [{"channel": 0, **spans}]}
@@ -317,7 +317,7 @@ def small() -> Iterator[Case]:
         damages=[("garbage", len(spoilt.data), 1), ("bad-packet", row.at, 1)],
     )  # fmt: skip
     behind = [(0, 6, 2, f.svarint(5)), (0, 8, 4, f.svarint(5))]
-    laid = w.lay(HEAD, ("TRAK", wide, {"track": 0}), *broken[:2], *([each] for each in behind))
+    laid = w.lay(HEAD, ("TRAK", wide), *broken[:2], *([each] for each in behind))
     row, after = laid.row(0, 4), laid.row(0, 6)
     yield wrecked(
         "packet-that-breaks-a-rule-and-overlaps",

@@ -47,7 +47,7 @@ def whole(laid: Laid, type_: str, number: int = 0) -> w.Damage:
 
 def exact_values() -> Iterator[Case]:
     fives = b"\3\x10\0\x0a"
-    exact = ("TRAK", f.trak(f.tlv(1, f.lpcx_parameters()), codec=b"LPCX"), {"track": 0})
+    exact = ("TRAK", f.trak(f.tlv(1, f.lpcx_parameters()), codec=b"LPCX"))
     laid = w.lay(HEAD, exact, [(0, 0, 4, fives)], [(0, 4, 4, fives + b"\4\0\0")])
     row = laid.row(0, 4)
     found = {"spans": [[0, 4]], "numbers": w.numbers([5] * 4)}
@@ -62,8 +62,8 @@ def exact_values() -> Iterator[Case]:
 
 def channels() -> Iterator[Case]:
     three = f.tracks(*(f.track(first_channel=channel) for channel in (0, 0, 1)))
-    clock = ("cLOk", f.clock([(0, 1000, 5)]), {"track": 1})
-    laid = w.lay(HEAD, ("TRAK", three, {"track": 0}), clock, *w.clusters(0, 4))
+    clock = ("cLOk", f.clock([(0, 1000, 5)], track=1))
+    laid = w.lay(HEAD, ("TRAK", three), clock, *w.clusters(0, 4))
     kept = decode_of(
         Track(id=0, packets=parts(0, 0, 4)), Track(id=2, channel=1, packets=parts(2, 0, 4))
     )
@@ -75,8 +75,8 @@ def channels() -> Iterator[Case]:
         whole(laid, "TRAK"), whole(laid, "cLOk"), *unheld(laid, 1, 0, 4), lost=[(1, 0, 8)],
         recovered={"decode": {"channels": kept["channels"]}},
     )  # fmt: skip
-    alone = f.tracks(f.track(), f.track(kind=2, linked=f.NONE))
-    laid = w.lay(HEAD, ("TRAK", alone, {"track": 0}), *w.clusters(0, 4, tracks=2))
+    alone = f.tracks(f.track(), f.track(kind=2, linked=0))
+    laid = w.lay(HEAD, ("TRAK", alone), *w.clusters(0, 4, tracks=2))
     first = Track(id=0, packets=parts(0, 0, 4))
     second = decode_of(
         Track(id=0, kind="lf"), Track(id=1, kind="hf", base=0, packets=parts(1, 0, 4))
@@ -117,13 +117,13 @@ def unsupported() -> Iterator[Case]:
 
 
 def chunks() -> Iterator[Case]:
-    laid = w.lay(("HEAD", f.head(reserved=1)), THREE, *w.clusters(0, 4, 8))
+    laid = w.lay(("HEAD", f.head(f.tlv(2, bytes(15)))), THREE, *w.clusters(0, 4, 8))
     yield spoilt(
         "head-broken-and-damage", "HEAD breaks a rule: nothing of it is used.",
-        ["HED-005", "REC-003"], laid, WHOLE | {"head": None},
+        ["HED-002", "REC-003"], laid, WHOLE | {"head": None},
         whole(laid, "HEAD"), ("missing-head", 8, 0), recovered={"decode": WHOLE},
     )  # fmt: skip
-    end = [("iNDX", b""), ("fOOT", bytes(33))]
+    end = [("iNDX", b""), ("fOOT", bytes(13))]
     laid = w.lay(HEAD, THREE, *w.clusters(0, 4, 8), *end, close=False)
     yield spoilt(
         "foot-broken-and-damage", "The footer is too long: it closes the file all the same.",
@@ -158,7 +158,7 @@ def verdicts() -> Iterator[Case]:
         verdict="unsupported", exits={"decode": 4, "verify": 4},
         recovered={"verdict": "unsupported"},
     )  # fmt: skip
-    laid = w.lay(HEAD, THREE, *w.clusters(0, 4), ("iNDX", b""), ("fOOT", bytes(33)),
+    laid = w.lay(HEAD, THREE, *w.clusters(0, 4), ("iNDX", b""), ("fOOT", bytes(13)),
                  *w.clusters(8), close=False)  # fmt: skip
     case = wrecked(
         "foot-broken-and-not-closed", "A footer in the midst of an open file is too long.",

@@ -72,24 +72,27 @@ def fronts() -> Iterator[Case]:
 def heads() -> Iterator[Case]:
     yield wrecked(
         "no-head-header", "The header of HEAD is damaged and there is no copy of it.",
-        ["CHK-002", "HED-001", "REC-002"], "transmission/bit-flip", w.flip(DATA, 8 + 32),
-        damages=[("garbage", 8, 80), ("missing-chunk", TRAK_PLACE.at, 0), ("missing-head", 8, 0)],
+        ["CHK-002", "HED-001", "REC-002"], "transmission/bit-flip", w.flip(DATA, 8 + 28),
+        damages=[
+            ("garbage", 8, HEAD_PLACE.size), ("missing-chunk", TRAK_PLACE.at, 0),
+            ("missing-head", 8, 0),
+        ],
     )  # fmt: skip
     yield wrecked(
         "no-head-payload", "The payload of HEAD is damaged: limits of level 2, no epoch.",
-        ["CHK-003", "HED-001"], "transmission/bit-flip", w.flip(DATA, HEAD_PLACE.payload + 28),
-        damages=[("bad-payload", 8, 80), ("missing-head", 8, 0)],
+        ["CHK-003", "HED-001"], "transmission/bit-flip", w.flip(DATA, HEAD_PLACE.payload + 1),
+        damages=[("bad-payload", 8, HEAD_PLACE.size), ("missing-head", 8, 0)],
     )  # fmt: skip
     twice = w.lay(HEAD, THREE, *w.clusters(0, 4, 8), HEAD, THREE)
     yield wrecked(
         "head-by-its-copy", "The payload of HEAD is damaged, its copy at the end is not.",
         ["CHK-003", "HED-001"], "transmission/bit-flip", w.flip(twice.data, HEAD_PLACE.payload),
-        damages=[("bad-payload", 8, 80)], recover=0,
+        damages=[("bad-payload", 8, HEAD_PLACE.size)], recover=0,
     )  # fmt: skip
     yield wrecked(
         "file-id-by-the-copy", "The header of HEAD is damaged; its copy tells the file id.",
         ["CHK-002", "CHK-004"], "transmission/bit-flip", w.flip(twice.data, 8 + 8),
-        damages=[("garbage", 8, 80), ("missing-chunk", TRAK_PLACE.at, 0)],
+        damages=[("garbage", 8, HEAD_PLACE.size), ("missing-chunk", TRAK_PLACE.at, 0)],
     )  # fmt: skip
 
     stranger = f.chunk("mETa", b"{}", 9, file_id=9)
@@ -100,11 +103,11 @@ def heads() -> Iterator[Case]:
         "The header of HEAD is damaged, and a chunk of another file is before its copy.",
         ["CHK-002", "CHK-004"], "framing/other-file", data,
         damages=[
-            ("garbage", 8, 80 + len(stranger)), ("other-file", TRAK_PLACE.at, 0),
+            ("garbage", 8, HEAD_PLACE.size + len(stranger)), ("other-file", TRAK_PLACE.at, 0),
             ("missing-chunk", behind, 0),
         ],
     )  # fmt: skip
-    told = f.head(uuid=bytes(range(16)), epoch_ns=-5, epoch_uncertainty_ns=1000)
+    told = f.head(f.tlv(2, bytes(range(16))) + f.epoch(-5, 1000) + f.tlv(6, b"test 1"))
     known = w.lay(("HEAD", told), THREE, *w.clusters(0, 4, 8))
     head = {
         "level": 1, "uuid": bytes(range(16)).hex(), "epoch_ns": "-5",
@@ -161,7 +164,7 @@ def headers() -> Iterator[Case]:
         ("sync", 2, "A bit of the sync word is wrong"),
         ("sequence", 16, "A bit of the sequence number is wrong"),
         ("size", 20, "A bit of the payload size is wrong"),
-        ("crc", 35, "A bit of the header CRC is wrong"),
+        ("crc", 31, "A bit of the header CRC is wrong"),
     ):
         yield wrecked(
             f"header-flip-{name}", f"{about}: the whole cluster is lost, and found to be.",

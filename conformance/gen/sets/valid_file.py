@@ -130,7 +130,11 @@ def worked_examples() -> Iterator[Case]:
         "linear": ("A channel filtered from another.", ["EXA-002"], [filtered], {}),
         "transformed": ("Two blocks, and where they meet.", ["MDC-001", "MDC-002"], [mixed], {}),
         "synthetic": ("A texture from a model.", ["NOI-001"], [calm, model], {}),
-        "described": ("Every TLV of TRAK.", ["TLV-004", "TRK-020"], [forces, sevens], {}),
+        "described": (
+            "Every TLV of HEAD and of TRAK.", ["HED-002", "TLV-004", "TRK-020"], [forces, sevens],
+            {"head": {"uuid": "6ba7b8109dad11d180b400c04fd430c8", "epoch_ns": points[0][1],
+                      "epoch_uncertainty_ns": "1000000"}},
+        ),
         "digests": (
             "Two indexes, a digest, a map and an attachment.", ["DGS-001", "IDX-002"], [gap],
             {
@@ -169,11 +173,17 @@ def identity(file_id: int) -> str:
     return f"0x{file_id:016x}"
 
 
-def known(**members: Any) -> dict[str, Any]:
+def uuid_of(file_id: int) -> str:
+    """That of a file without one, without hyphens."""
+    digits = f"{file_id:016x}"
+    return digits[:12] + "8" + digits[12:15] + "8" + digits[15] + "0" * 14
+
+
+def known(file_id: int = 7, **members: Any) -> dict[str, Any]:
     """The member ``head``."""
     return {
-        "major": 1, "minor": 0, "level": 1, "file_id": identity(7), "uuid": None, "epoch_ns": None,
-        "epoch_uncertainty_ns": None,
+        "major": 1, "minor": 0, "level": 1, "file_id": identity(file_id),
+        "uuid": uuid_of(file_id), "epoch_ns": None, "epoch_uncertainty_ns": None,
     } | members  # fmt: skip
 
 
@@ -187,40 +197,85 @@ def heads() -> Iterator[Case]:
     yield valid(
         "head-uuid-and-epoch", "A UUID in network order, and an epoch known to 1 ms.", ["HED-002"],
         FIVES,
-        file={"head": f.head(uuid=uuid, epoch_ns=1_700_000_000_000_000_001,
-                             epoch_uncertainty_ns=10**6)},
+        file={"head": f.head(f.tlv(2, uuid) + f.epoch(1_700_000_000_000_000_001, 10**6))},
         head=known(uuid=uuid.hex(), epoch_ns="1700000000000000001", epoch_uncertainty_ns="1000000"),
     )  # fmt: skip
     yield uncommon(
         "head-epoch-before-1970", "An epoch below zero, known exactly.", ["HED-002"],
-        FIVES, file={"head": f.head(epoch_ns=-(2**63), epoch_uncertainty_ns=0)},
+        FIVES, file={"head": f.head(f.epoch(-(2**63), 0))},
         head=known(epoch_ns=str(-(2**63)), epoch_uncertainty_ns="0"),
     )  # fmt: skip
     yield uncommon(
-        "head-epoch-unknown", "An uncertainty of all ones: the epoch is not known, whatever it is.",
+        "head-epoch-uncertain", "An epoch whose uncertainty is 2^63 - 1 ns.", ["HED-002"],
+        FIVES, file={"head": f.head(f.epoch(2**63 - 1, 2**63 - 1))},
+        head=known(epoch_ns=str(2**63 - 1), epoch_uncertainty_ns=str(2**63 - 1)),
+    )  # fmt: skip
+    yield valid(
+        "head-uuid", "A UUID, and no epoch.", ["HED-002"],
+        FIVES, file={"head": f.head(f.tlv(2, uuid))}, head=known(uuid=uuid.hex()),
+    )  # fmt: skip
+    yield uncommon(
+        "head-uuid-of-zeros", "A UUID of zeros is a UUID, and not that of the file id.",
         ["HED-002"],
-        FIVES, file={"head": f.head(epoch_ns=12345)}, head=known(),
+        FIVES, file={"head": f.head(f.tlv(2, bytes(16)))}, head=known(uuid="0" * 32),
+    )  # fmt: skip
+    yield valid(
+        "head-epoch", "An epoch, and the UUID of the file id.", ["HED-002"],
+        FIVES, file={"head": f.head(f.epoch(1, 2))},
+        head=known(epoch_ns="1", epoch_uncertainty_ns="2"),
+    )  # fmt: skip
+    yield valid(
+        "head-encoder", "The program that encoded the recording, and its version.", ["CNV-004"],
+        FIVES, file={"head": f.head(f.tlv(6, "tast µ 1.0".encode()))}, head=known(),
+    )  # fmt: skip
+    yield uncommon(
+        "head-all-tlvs", "UUID, epoch, program and unknown ancillary TLVs in one HEAD.",
+        ["HED-002", "TLV-001", "TLV-003"],
+        FIVES,
+        file={"head": f.head(f.tlv(0, b"?") + f.tlv(2, uuid) + f.epoch(-1, 0) + f.tlv(6, b"")
+                             + f.tlv(8, b"") + f.tlv(65534, bytes(300)))},
+        head=known(uuid=uuid.hex(), epoch_ns="-1", epoch_uncertainty_ns="0"),
     )  # fmt: skip
     yield valid(
         "head-level-2", "A file of level 2 that level 1 would do for.", ["HED-004", "LIM-001"],
         FIVES, level=2, head=known(level=2),
     )  # fmt: skip
-    for name, file_id in (("zero", 0), ("all-ones", 2**64 - 1), ("of-33-bits", 2**32 + 7)):
+    for name, file_id in (
+        ("zero", 0), ("all-ones", 2**64 - 1), ("of-33-bits", 2**32 + 7),
+        ("of-16-digits", 0x0123456789ABCDEF),
+    ):  # fmt: skip
         yield uncommon(
-            f"file-id-{name}", "A file id like any other.", ["CHK-003", "CHK-004", "DAT-004"],
-            FIVES, data=with_id(file_id), head=known(file_id=identity(file_id)),
+            f"file-id-{name}", "A file id like any other, and the UUID that follows from it.",
+            ["CHK-003", "CHK-004", "DAT-004"],
+            FIVES, data=with_id(file_id), head=known(file_id),
         )  # fmt: skip
     yield uncommon(
         "no-tracks", "A head, an index and a footer.", ["FIL-003", "FOT-002"],
         head=known(),
+    )  # fmt: skip
+    for set_, name, about, more in (
+        (valid, "no-index", "A closed file without an index.", {}),
+        (uncommon, "no-index-and-metadata", "A closed file without an index, with metadata.",
+         {"more": [("mETa", b'{"a":1}')]}),
+        (uncommon, "no-index-two-tracks", "A closed file without an index whose TRAK is late.",
+         {"late": [1]}),
+    ):  # fmt: skip
+        rows = [FIVES, Track(id=1, channel=1, packets=[piece(0, 3, cluster=1)])]
+        metadata = {"a": 1} if "more" in more else None
+        yield set_(
+            name, about, ["FOT-002", "FIL-003"], *rows[: 1 + ("late" in more)],
+            file={"indexed": False} | more, metadata=metadata,
+        )  # fmt: skip
+    yield uncommon(
+        "no-index-no-tracks", "A head and a footer.", ["FIL-003", "FOT-002"],
+        data=f.closed(HEAD, indexed=False), head=known(),
     )  # fmt: skip
 
 
 def with_id(file_id: int) -> bytes:
     """The minimal file under another file id."""
     data = f.cluster((0, 0, 4, f.KNOT_DATA), file_id=file_id)
-    chunks = [("HEAD", f.head(), {}), f.TRACK_0, ("DATA", data, {})]
-    return f.closed(*chunks, file_id=file_id)
+    return f.closed(HEAD, f.TRACK_0, ("DATA", data), file_id=file_id)
 
 
 def piece(start: int, value: int, span: int = 4, cluster: int = 0) -> Packet:
@@ -290,14 +345,10 @@ class Growing:
         self.data, self.sequence = f.SIGNATURE, 0
         self.rows: list[tuple[str, int, int, int]] = []
         self.indexes: list[int] = []
-        self.tracks = self.clusters = 0
 
     def add(self, *chunk: Any, times: tuple[int, int] = (0, 0)) -> None:
-        type_, payload, *given = chunk
         self.rows.append(entry(chunk, len(self.data), times))
-        self.tracks += type_ == "TRAK"
-        self.clusters += type_ == "DATA"
-        self.data += f.chunk(type_, payload, self.sequence, **(given[0] if given else {}))
+        self.data += f.chunk(*chunk, self.sequence)
         self.sequence += 1
 
     def index(self, previous: int = 0) -> None:
@@ -308,8 +359,8 @@ class Growing:
         self.add("iNDX", f.index(rows, previous=previous, first=first))
 
     def foot(self, duration_ns: int) -> None:
-        stop = len(self.data) + f.FOOT
-        self.add("fOOT", f.foot(self.indexes[-1], stop, self.clusters, self.tracks, duration_ns))
+        distance = len(self.data) - self.indexes[-1] if self.indexes else 0
+        self.add("fOOT", f.foot(distance, duration_ns))
 
 
 def data(packet: Packet) -> tuple[str, bytes]:
@@ -350,13 +401,38 @@ def indexes() -> Iterator[Case]:
         grown.add(*chunk)
     for packet in packets:
         grown.add(*data(packet), times=(packet.start, packet.stop))
-        grown.add("dGST", digest(track, packets[: packets.index(packet) + 1]), {"track": 0})
+        grown.add("dGST", f.digests(digest(track, packets[: packets.index(packet) + 1])))
         grown.index(*grown.indexes[-1:])
         grown.foot(nanoseconds(packet.stop, (1000, 1)))
     yield valid(
         "appended", "Three times closed: the last footer counts, and the last digest.",
         ["FOT-002", "DGS-002", "DGS-003", "FIL-003"],
         track, data=grown.data,
+    )  # fmt: skip
+    bare = Growing()
+    for chunk in (HEAD, track.chunk):
+        bare.add(*chunk)
+    for packet in packets:
+        bare.add(*data(packet), times=(packet.start, packet.stop))
+        bare.foot(nanoseconds(packet.stop, (1000, 1)))
+    yield uncommon(
+        "appended-without-index", "Three times closed, each time without an index.",
+        ["FOT-002", "FIL-003"],
+        track, data=bare.data,
+    )  # fmt: skip
+    later = Growing()
+    for chunk in (HEAD, track.chunk):
+        later.add(*chunk)
+    for packet in packets:
+        later.add(*data(packet), times=(packet.start, packet.stop))
+        if packet is packets[1]:
+            later.index()
+        later.foot(nanoseconds(packet.stop, (1000, 1)))
+    yield uncommon(
+        "appended-behind-an-index",
+        "Closed without an index, with one, and with what no index lists before the footer.",
+        ["FOT-002", "FIL-003"],
+        track, data=later.data,
     )  # fmt: skip
     more = Track(id=1, channel=1, packets=[piece(0, -4, 6)])
     joined = Growing()
@@ -385,21 +461,7 @@ def newer() -> Iterator[Case]:
         "minor-9", "A later minor version is read all the same.", ["VER-001"],
         FIVES, file={"head": f.head(minor=9)}, head=known(minor=9),
     )  # fmt: skip
-    yield valid(
-        "compat-bits", "Unknown compatible feature bits mean nothing.", ["VER-001"],
-        FIVES, file={"head": f.head(compat=0x80000001)}, head=known(),
-    )  # fmt: skip
     yield uncommon(
         "head-tlv", "Unknown ancillary TLVs in HEAD are skipped.", ["HED-002", "TLV-003"],
-        FIVES, file={"head": f.head(f.tlv(2, b"x") + f.tlv(0x8002, b""))}, head=known(),
-    )  # fmt: skip
-    flags = {"flags": 0x8100}
-    chunks = [
-        (*HEAD, flags),
-        (*FIVES.chunk[:2], {"track": 0} | flags),
-        (*data(FIVES.packets[0]), flags),
-    ]
-    yield uncommon(
-        "ancillary-flags", "Unknown ancillary flag bits of known chunks are ignored.", ["CHK-007"],
-        FIVES, data=closed_at(chunks, [(0, 4)], f.DURATION_NS),
+        FIVES, file={"head": f.head(f.tlv(8, b"x") + f.tlv(0x8002, b""))}, head=known(),
     )  # fmt: skip

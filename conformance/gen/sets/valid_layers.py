@@ -8,7 +8,7 @@ from typing import Any
 
 import forge as f
 from case import Case
-from facts import Event, Layer, Packet, Track, case_of
+from facts import Event, Layer, Packet, Track, case_of, digest
 
 valid = partial(case_of, "valid")
 uncommon = partial(case_of, "uncommon")
@@ -106,12 +106,14 @@ def mapped(rows: Sequence[tuple[int, int]], name: str = "pc", track: int | None 
     return {"track": track, "name": name, "points": [[t, str(ns)] for t, ns in rows]}
 
 
-def clock(rows: Sequence[tuple[int, int, int]], name: str = "pc", track: int = 0) -> f.Chunk:
-    return "cLOk", f.clock(rows, name), {"track": track}
+def clock(rows: Sequence[tuple[int, int, int]], name: str = "pc",
+          track: int | None = 0) -> f.Chunk:  # fmt: skip
+    return "cLOk", f.clock(rows, name, track=track)
 
 
-def clock_map(rows: Sequence[tuple[int, int]], name: str = "pc", track: int = 0) -> f.Chunk:
-    return "cMAp", f.clock_map(rows, name), {"track": track}
+def clock_map(rows: Sequence[tuple[int, int]], name: str = "pc",
+              track: int | None = 0) -> f.Chunk:  # fmt: skip
+    return "cMAp", f.clock_map(rows, name, track=track)
 
 
 def with_chunks(*chunks: Any) -> dict[str, Any]:
@@ -134,13 +136,13 @@ def clocks() -> Iterator[Case]:
     yield valid(
         "clock-of-recording", "A clock without a track: ticks are nanoseconds of the recording.",
         ["CLK-005"],
-        FIVES, file=with_chunks(clock(nanoseconds, "UTC", f.NONE)),
+        FIVES, file=with_chunks(clock(nanoseconds, "UTC", None)),
         clocks=[told(nanoseconds, "UTC", None)],
     )  # fmt: skip
     yield valid(
         "clocks", "Several chunks of one clock and of others, in order of the file.", ["CLK-001"],
         FIVES,
-        file=with_chunks(clock(one), clock(nanoseconds, "ø", f.NONE), clock(back)),
+        file=with_chunks(clock(one), clock(nanoseconds, "ø", None), clock(back)),
         clocks=[told(one), told(nanoseconds, "ø", None), told(back)],
     )  # fmt: skip
     line = [(-5, -1_000_000_000), (0, 0), (4, 4_000_160)]
@@ -154,9 +156,20 @@ def clocks() -> Iterator[Case]:
         ["CLK-005"],
         FIVES,
         file=with_chunks(
-            clock_map(line), clock_map(later), clock_map(line, "x"), clock_map(later, "pc", f.NONE)
+            clock_map(line), clock_map(later), clock_map(line, "x"), clock_map(later, "pc", None)
         ),
         maps=[mapped(line), mapped(later), mapped(line, "x"), mapped(later, "pc", None)],
+    )  # fmt: skip
+    other = Track(id=300, packets=[Packet(0, [5] * 4, f.KNOT_DATA)])
+    yield valid(
+        "clocks-of-track-300", "A clock, a map and a digest of track 300: ids of two bytes.",
+        ["CLK-005", "DGS-001", "DGS-002"],
+        other,
+        file=with_chunks(
+            clock(one, "pc", 300), clock_map(line, "pc", 300),
+            ("dGST", f.digests(digest(other), first=300)),
+        ),
+        clocks=[told(one, "pc", 300)], maps=[mapped(line, "pc", 300)],
     )  # fmt: skip
     name = "é" * 127
     yield uncommon(

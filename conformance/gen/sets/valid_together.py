@@ -106,7 +106,7 @@ def cases() -> Iterator[Case]:
             "before": [("mETa", b'{"subject": "S1", "task": "stroke"}')],
             "more": [
                 clock(seen), ("aTTc", f.strings("notes.txt", "text/plain") + note),
-                *(("dGST", each, {"track": id_}) for id_, each in digests),
+                *(("dGST", f.digests(each, first=id_)) for id_, each in digests),
                 ("HEAD", f.head()), *(track.chunk for track in tracks), marks.chunk,
             ],
         },

@@ -285,3 +285,21 @@ def numbers() -> Iterator[Case]:
         Track(id=300, channel=0, packets=[fives(value=2)]),
         Track(id=5, channel=1, packets=[fives(value=3)]),
     )  # fmt: skip
+    yield valid(
+        "tracks-deflated-from-300", "DEFLATE streams whose first tracks are 300 and 65532.",
+        ["TRK-003", "TRK-020"],
+        Track(id=300, packets=[fives(value=1)]),
+        Track(id=301, channel=1, joined=True, packets=[fives(value=2)]),
+        Track(id=65532, channel=2, packets=[fives(value=3)]),
+        Track(id=65533, channel=3, joined=True, packets=[fives(value=4)]),
+        file={"squeeze": 2},
+    )  # fmt: skip
+    yield valid(
+        "tracks-from-300", "The same ids in TRAK chunks that are not compressed, one a band.",
+        ["TRK-003", "TRK-007"],
+        Track(id=300, kind="lf", packets=[fives(value=1)]),
+        Track(id=301, kind="hf", base=300, joined=True, packets=[fives(value=2)]),
+        Track(id=65532, channel=1, packets=[fives(value=3)]),
+        Track(id=65533, channel=1, continues=65532, joined=True,
+              packets=[fives(start=4, cluster=1)]),
+    )  # fmt: skip

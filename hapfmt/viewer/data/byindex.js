@@ -1,16 +1,16 @@
 // A closed file by its index (11.1): descriptions and the places of clusters, without the packets.
 import { readMeta } from '../decoder/ancillary.js';
-import { HEADER_SIZE, beginsWithSignature, isCritical, isKnown, readHeader } from '../decoder/chunk.js';
+import { HEADER_SIZE, beginsWithSignature, isCritical, readHeader } from '../decoder/chunk.js';
 import { crc32 } from '../decoder/crc32.js';
 import { HapfError, unsupported } from '../decoder/error.js';
 import { readHead } from '../decoder/head.js';
-import { readFoot, readIndex } from '../decoder/indexes.js';
+import { FOOT_SIZE, readFoot, readIndex } from '../decoder/indexes.js';
 import { writeJson } from '../decoder/json.js';
 import { limitsOf } from '../decoder/limits.js';
 import { describeTracks } from '../decoder/tracks.js';
 
 const SIGNATURE_SIZE = 8;
-const FOOT_SIZE = HEADER_SIZE + 32;
+const END_SIZE = HEADER_SIZE + FOOT_SIZE;
 const ENTRY_BOUND = 2 ** 20;
 const READ_AT_OPEN = new Set(['HEAD', 'TRAK', 'mETa']);
 const LATER = new Set(['DATA', 'iNDX', 'fOOT', 'aTTc', 'dGST', 'cLOk', 'cMAp']);
@@ -25,10 +25,9 @@ const need = (holds) => {
 // A chunk of which all bytes are there, from bytes[0] on.
 function chunkOf(bytes, type, fileId) {
   const chunk = readHeader(bytes, 0);
-  need(chunk && chunk.whole && chunk.type === type && isKnown(chunk) && (fileId === null || chunk.fileId === fileId));
+  need(chunk && chunk.whole && chunk.type === type && (fileId === null || chunk.fileId === fileId));
   need(crc32(bytes, chunk.payloadStart, chunk.end, chunk.seed) === chunk.payloadCrc);
   chunk.intact = true;
-  chunk.known = true;
   return chunk;
 }
 
@@ -45,13 +44,13 @@ export async function openByIndex(source) {
 
 async function open(source) {
   const { size } = source;
-  need(size >= SIGNATURE_SIZE + HEADER_SIZE + FOOT_SIZE);
-  const last = await source.read(size - FOOT_SIZE, size);
+  need(size >= SIGNATURE_SIZE + HEADER_SIZE + END_SIZE);
+  const last = await source.read(size - END_SIZE, size);
   const footChunk = chunkOf(last, 'fOOT', null);
   const foot = readFoot(last, footChunk);
-  need(foot.stopOffset === BigInt(size) && beginsWithSignature(await source.read(0, SIGNATURE_SIZE)));
+  need(foot.indexDistance && beginsWithSignature(await source.read(0, SIGNATURE_SIZE)));
   const { fileId } = footChunk;
-  const indexOffset = Number(foot.indexOffset);
+  const indexOffset = size - END_SIZE - foot.indexDistance;
   const entries = await readChain(source, indexOffset, footChunk);
   need(entries.length && entries[0].type === 'HEAD' && entries[0].offset === SIGNATURE_SIZE);
 
@@ -65,7 +64,6 @@ async function open(source) {
     if (type === 'DATA') file.clusters.push({ offset, stop, sequence, startMs, stopMs });
     else if (type === 'aTTc') file.attachments.push({ offset, stop, sequence });
   }
-  need(file.clusters.length === foot.dataCount && file.allTracks.size === foot.trackCount);
   return file;
 }
 
@@ -73,7 +71,7 @@ async function open(source) {
 async function readChain(source, indexOffset, footChunk) {
   const parts = [];
   let count = 0;
-  let stop = source.size - FOOT_SIZE;
+  let stop = source.size - END_SIZE;
   let sequence = footChunk.sequence;
   for (let offset = indexOffset; ;) {
     need(offset >= SIGNATURE_SIZE && offset + HEADER_SIZE <= stop);

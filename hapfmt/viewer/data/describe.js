@@ -4,7 +4,6 @@ import { hasBands, isCounted } from './signals.js';
 import { secondsAt } from './ticks.js';
 
 const SEARCHED = 64; // clusters from each end that are searched at a time
-const NO_EPOCH = 2n ** 64n - 1n;
 
 export async function describe(session) {
   const { file, channels } = session;
@@ -13,7 +12,6 @@ export async function describe(session) {
   const described = channels.map((channel) => describeChannel(channel, extents));
   const times = described.filter(({ firstTick, stopTick }) => stopTick > firstTick);
   const { head } = file;
-  const known = head && head.epochUncertaintyNs !== NO_EPOCH;
   const ends = [0, 0];
   if (times.length) {
     ends[0] = times.reduce((low, one) => Math.min(low, secondsAt(one.track, one.firstTick)), Infinity);
@@ -21,7 +19,7 @@ export async function describe(session) {
   }
   return {
     size: session.source.size, closed: file.closed, verdict: session.verdict,
-    epochNs: known ? String(head.epochNs) : null, start: ends[0], stop: ends[1], metadata: file.metadata,
+    epochNs: head && head.epochNs !== null ? String(head.epochNs) : null, start: ends[0], stop: ends[1], metadata: file.metadata,
     channels: described.map(({ track, ...channel }) => channel), eventTracks: eventTracksOf(file), hasOverview: session.overview !== null,
   };
 }

@@ -1,5 +1,5 @@
 // Which packets cover a time, and their bytes: of a file by its index only those that are wanted are fetched.
-import { HEADER_SIZE, clusterSeed, isKnown, readHeader } from '../decoder/chunk.js';
+import { HEADER_SIZE, clusterSeed, readHeader } from '../decoder/chunk.js';
 import { hasCrc, placePackets, readTable, tableFaults } from '../decoder/cluster.js';
 import { unsupported } from '../decoder/error.js';
 import { FalseIndex } from './byindex.js';
@@ -100,7 +100,7 @@ export class Packets {
     const { offset, stop, sequence, startMs, stopMs } = cluster;
     const { fileId, limits, allTracks, tracks } = this.file;
     const header = readHeader(part, 0);
-    need(header && header.type === 'DATA' && header.fileId === fileId && header.sequence === sequence && isKnown(header));
+    need(header && header.type === 'DATA' && header.fileId === fileId && header.sequence === sequence);
     need(HEADER_SIZE + header.payloadSize === stop - offset && header.payloadSize <= limits.payloadBound);
     let bytes = part;
     let table = readTable(bytes, HEADER_SIZE, bytes.length, limits.packetBound);

@@ -1,24 +1,24 @@
 // A part of a file, its packets copied as they are (docs/spec/editing.md).
-import { isOverview } from '../decoder/ancillary.js';
+import { clockPayload, digestPayload, isOverview } from '../decoder/ancillary.js';
 import { putVarint } from '../decoder/bytes.js';
-import { NO_TRACK, isSafeToCopy, randomId } from '../decoder/chunk.js';
+import { isSafeToCopy, randomId } from '../decoder/chunk.js';
 import { decodeEvents } from '../decoder/codecs.js';
 import { payloadsOf } from '../decoder/describe.js';
 import { HapfError } from '../decoder/error.js';
 import { openFile } from '../decoder/file.js';
+import { headPayload } from '../decoder/head.js';
 import { durationNs } from '../decoder/indexes.js';
 import { writeJson } from '../decoder/json.js';
 import { clustersOf, timesOf } from '../decoder/recover.js';
 import { judge, settle } from '../decoder/report.js';
+import { recordLinked } from '../decoder/trak.js';
 import { guarded } from '../decoder/verify.js';
 import { Writer } from '../decoder/writer.js';
 import { readWhole } from './bywalk.js';
 import { openSource } from './sources.js';
 import { secondsAt, tickAt } from './ticks.js';
 
-const HEAD_SIZE = 44;
-const NONE = 0xffff;
-const CODECS_OF_MINOR_1 = new Set(['MDCT', 'NOIS']);
+const HEAD_TLVS = new Set([2, 4, 6]);
 
 const refuse = (requirement, message, offset = null) => {
   throw new HapfError('unsupported', requirement, message, offset);
@@ -36,17 +36,17 @@ export function subsetOf(bytes, { channels, t0 = null, t1 = null, name, fileId =
   const writer = new Writer(fileId);
   const notes = [];
   const kept = [...plan.places.values()];
-  writer.write('HEAD', headOf(file, kept));
+  writer.write('HEAD', headOf(file));
   const records = kept.map(({ id, track, record }) => ({ id, componentCount: track.componentCount, record }));
   const described = payloadsOf(records, file.limits.payloadBound);
-  for (const { track, payload } of described) writer.write('TRAK', payload, { track });
+  for (const { payload } of described) writer.write('TRAK', payload);
   writer.write('mETa', metadataOf(file, plan, t0, t1, name));
   const first = Math.min(...file.chunks.filter(({ type, known }) => known && type === 'DATA').map(({ position }) => position), file.bytes.length);
   copyOthers(file, plan, writer, notes, (position) => position < first);
   const copied = copyPackets(file, plan, writer, window(file, t0, t1));
   copyOthers(file, plan, writer, notes, (position) => position > first);
   copyDigests(file, plan, writer, copied.partial);
-  writer.writeFoot(copied.clusters, kept.length, durationNs(copied.packets, plan.view.allTracks));
+  writer.writeFoot(durationNs(copied.packets, plan.view.allTracks));
   const [start, stop] = edgesOf(copied.packets, plan.view.allTracks);
   return { bytes: writer.bytes(), packets: copied.packets.length, start, stop, channels: [...plan.numbers.keys()], notes };
 }
@@ -84,13 +84,9 @@ function lay(file, asked) {
   const numbers = new Map([...old].sort((a, b) => a - b).map((channel, number) => [channel, number]));
   const places = new Map();
   for (const track of kept) {
-    const record = track.record.slice();
-    const view = new DataView(record.buffer);
-    if (track.kind !== 'events') {
-      view.setUint16(24, numbers.get(track.firstChannel), true);
-      const linked = track.kind === 'hf' ? track.base : track.continues;
-      view.setUint16(26, linked === null ? NONE : ids.get(linked), true);
-    }
+    const linked = track.kind === 'hf' ? track.base : track.continues;
+    const record = track.kind === 'events' ? track.record
+      : recordLinked(track, numbers.get(track.firstChannel), linked === null ? null : ids.get(linked));
     places.set(track.id, { id: ids.get(track.id), track, record });
   }
   const everything = new Set(all.filter(hasChannels).flatMap(({ channels }) => channels));
@@ -104,12 +100,9 @@ function window(file, t0, t1) {
   return new Map([...file.allTracks.values()].map((track) => [track.id, [tickAt(track, t0), tickAt(track, t1)]]));
 }
 
-function headOf(file, kept) {
-  const payload = file.bytes.slice(file.headChunk.payloadStart, file.headChunk.payloadStart + HEAD_SIZE);
-  const view = new DataView(payload.buffer);
-  payload[1] = kept.some(({ track }) => CODECS_OF_MINOR_1.has(track.codec)) ? 1 : 0;
-  view.setUint32(8, 0, true);
-  return payload;
+function headOf({ head }) {
+  const tlvs = [...head.tlvs.values()].filter(({ type }) => HEAD_TLVS.has(type));
+  return headPayload({ minor: 0, level: head.level, uuid: head.uuid, tlvs });
 }
 
 // Its member `notes` tells what happened (11.3).
@@ -126,21 +119,20 @@ function metadataOf(file, { numbers }, t0, t1, name) {
 function copyOthers(file, { places }, writer, notes, wanted) {
   const described = new Set(['HEAD', 'TRAK', 'DATA', 'iNDX', 'fOOT', 'mETa', 'dGST']);
   for (const chunk of file.chunks) {
-    const { type, known, position, flags } = chunk;
+    const { type, known, position } = chunk;
     if ((known && described.has(type)) || !wanted(position)) continue;
-    const attached = known && type === 'aTTc';
     if (!known && !isSafeToCopy(chunk)) {
       notes.push(`A chunk ${type} is left out: it is unknown, and unsafe to copy.`);
       continue;
     }
-    if (attached && isOverview(file.bytes, chunk)) continue;
-    let track = chunk.track;
-    if (track !== NO_TRACK) {
-      const place = places.get(track);
-      if (!place && !attached) continue;
-      track = place ? place.id : NO_TRACK;
+    if (known && type === 'aTTc' && isOverview(file.bytes, chunk)) continue;
+    const payload = file.bytes.subarray(chunk.payloadStart, chunk.end);
+    if (chunk.track === null) {
+      writer.write(type, payload);
+      continue;
     }
-    writer.write(type, file.bytes.subarray(chunk.payloadStart, chunk.end), { track, flags });
+    const place = places.get(chunk.track);
+    if (place) writer.write(type, clockPayload(payload, place.id));
   }
 }
 
@@ -164,14 +156,12 @@ function copyPackets(file, plan, writer, ranges) {
     if (!clusters.has(packet.chunkOffset)) clusters.set(packet.chunkOffset, []);
     clusters.get(packet.chunkOffset).push(moved);
   }
-  let count = 0;
   for (const offset of [...clusters.keys()].sort((a, b) => a - b)) {
     for (const cluster of clustersOf(clusters.get(offset), plan.view)) {
       writer.writeData(cluster, timesOf(cluster, plan.view));
-      count++;
     }
   }
-  return { packets, partial, clusters: count };
+  return { packets, partial };
 }
 
 // Events name the new numbers of their channels; null: no event is left.
@@ -199,6 +189,6 @@ function copyDigests(file, { places }, writer, partial) {
   const last = new Map(file.digests.map((digest) => [digest.track, digest]));
   for (const [id, { digest, chunk }] of last) {
     const place = places.get(id);
-    if (place && !partial.has(id) && chunk.position > (reached.get(id) ?? 0)) writer.write('dGST', digest, { track: place.id });
+    if (place && !partial.has(id) && chunk.position > (reached.get(id) ?? 0)) writer.write('dGST', digestPayload(place.id, digest));
   }
 }

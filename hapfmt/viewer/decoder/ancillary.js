@@ -1,5 +1,5 @@
 // mETa, aTTc, dGST, cLOk and cMAp (11.3 to 11.6).
-import { Reader } from './bytes.js';
+import { Reader, putVarint } from './bytes.js';
 import { broken, unsupported } from './error.js';
 import { readMetadata } from './json.js';
 
@@ -25,7 +25,7 @@ export function readAttachment(bytes, chunk) {
 // OVW-009: it describes the packets of its own file.
 export function isOverview(bytes, chunk) {
   const { name, mediaType } = readAttachment(bytes, chunk);
-  return name === 'overview' && mediaType === 'application/vnd.hapf.overview';
+  return name === 'overview' && mediaType === 'haptics/vnd.hapf.overview';
 }
 
 // ATT-002: the name to store an attachment under.
@@ -37,12 +37,13 @@ export function safeName(name, number) {
 
 // -> [{ track, digest, offset }].
 export function readDigests(bytes, chunk, allTracks, tracks, damaged) {
-  const size = chunk.payloadSize;
-  if (size === 0 || size % DIGEST_SIZE) broken('DGS-001', `digests of ${size} bytes`, chunk.payloadStart);
+  const reader = payloadReader(bytes, chunk, 'DGS-001');
+  const first = reader.varint();
+  if (reader.left === 0 || reader.left % DIGEST_SIZE) broken('DGS-001', `digests of ${reader.left} bytes`, reader.offset);
   const digests = [];
-  for (let i = 0; i < size / DIGEST_SIZE; i++) {
-    const offset = chunk.payloadStart + i * DIGEST_SIZE;
-    const id = chunk.track + i;
+  for (let id = first; reader.left > 0; id++) {
+    const { offset } = reader;
+    const digest = reader.bytes(DIGEST_SIZE);
     const track = allTracks.get(id);
     if (!track) {
       if (damaged) continue;
@@ -52,17 +53,39 @@ export function readDigests(bytes, chunk, allTracks, tracks, damaged) {
       broken('DGS-001', `a digest of track ${id}, which is described behind it`, offset);
     }
     if (track.kind === 'events') broken('DGS-001', `a digest of track ${id} of kind events`, offset);
-    if (tracks.has(id)) digests.push({ track: id, digest: bytes.subarray(offset, offset + DIGEST_SIZE), offset, chunk });
+    if (tracks.has(id)) digests.push({ track: id, digest, offset, chunk });
   }
   return digests;
 }
 
+export function digestPayload(track, digest) {
+  const payload = [];
+  putVarint(payload, track);
+  return Uint8Array.from([...payload, ...digest]);
+}
+
+// The track of a cLOk or cMAp chunk, null: none.
+function readClockTrack(reader, chunk) {
+  const number = reader.varint();
+  chunk.track = number === 0 ? null : number - 1;
+}
+
+// The payload of such a chunk in the ticks of another track.
+export function clockPayload(payload, track) {
+  const reader = new Reader(payload);
+  reader.varint();
+  const start = [];
+  putVarint(start, track === null ? 0 : 1 + track);
+  return Uint8Array.from([...start, ...reader.bytes(reader.left)]);
+}
+
+// CLK-005.
 function clockTrack(chunk, allTracks, damaged) {
-  if (chunk.track === 0xffff) return null;
+  if (chunk.track === null) return null;
   const track = allTracks.get(chunk.track);
   const behind = track && !damaged && track.description.chunk.position > chunk.position;
   if (!track || behind || track?.kind === 'events') {
-    broken('CLK-005', `track ${chunk.track} has no clock`, chunk.position + 20);
+    broken('CLK-005', `track ${chunk.track} has no clock`, chunk.payloadStart);
   }
   return chunk.track;
 }
@@ -95,6 +118,7 @@ const checkEnd = (reader) => {
 
 export function readClock(bytes, chunk, allTracks, damaged) {
   const reader = payloadReader(bytes, chunk, 'CLK-001');
+  readClockTrack(reader, chunk);
   const name = readName(reader);
   const observations = [];
   let tick = 0;
@@ -112,6 +136,7 @@ export function readClock(bytes, chunk, allTracks, damaged) {
 
 export function readMap(bytes, chunk, allTracks, damaged) {
   const reader = payloadReader(bytes, chunk, 'CLK-001');
+  readClockTrack(reader, chunk);
   const name = readName(reader);
   const points = [];
   let tick = 0;

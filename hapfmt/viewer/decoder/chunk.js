@@ -3,9 +3,8 @@ import { crc32 } from './crc32.js';
 import { LIMITS } from './limits.js';
 
 export const SIGNATURE = Uint8Array.of(0x8f, 0x48, 0x41, 0x50, 0x0d, 0x0a, 0x1a, 0x0a);
-export const HEADER_SIZE = 36;
+export const HEADER_SIZE = 32;
 const CRC_AT = HEADER_SIZE - 4;
-export const NO_TRACK = 0xffff;
 const SYNC = [0xf9, 0x48, 0x8b, 0x1c];
 const KNOWN = new Set(['HEAD', 'TRAK', 'DATA', 'iNDX', 'fOOT', 'mETa', 'aTTc', 'dGST', 'cLOk', 'cMAp']);
 const PAYLOAD_BOUND = LIMITS[2].payloadBound;
@@ -16,7 +15,6 @@ export function beginsWithSignature(bytes) {
 
 const isLetter = (byte) => (byte >= 65 && byte <= 90) || (byte >= 97 && byte <= 122);
 
-const u16 = (bytes, p) => bytes[p] | (bytes[p + 1] << 8);
 const u32 = (bytes, p) => (bytes[p] | (bytes[p + 1] << 8) | (bytes[p + 2] << 16) | (bytes[p + 3] << 24)) >>> 0;
 
 // A file id is kept as the text that decode.json shows: a Number does not hold 64 bits.
@@ -68,16 +66,15 @@ export function readHeader(bytes, position) {
   const payloadSize = u32(bytes, p + 20);
   if (payloadSize > PAYLOAD_BOUND) return null;
   const payloadStart = p + HEADER_SIZE;
+  const type = typeAt(bytes, p + 4);
   return {
     position,
-    type: typeAt(bytes, p + 4),
+    type,
     fileId: idText(u32(bytes, p + 12), u32(bytes, p + 8)),
     seed: crc32(bytes, p + 8, p + 16),
     sequence: u32(bytes, p + 16),
     payloadSize,
-    track: u16(bytes, p + 24),
-    flags: u16(bytes, p + 26),
-    payloadCrc: u32(bytes, p + 28),
+    payloadCrc: u32(bytes, p + 24),
     payloadStart,
     end: Math.min(payloadStart + payloadSize, bytes.length),
     whole: payloadStart + payloadSize <= bytes.length,
@@ -85,7 +82,8 @@ export function readHeader(bytes, position) {
     damage: null,
     next: undefined,
     order: 0,
-    known: false,
+    known: KNOWN.has(type),
+    track: null,
     tooLarge: false,
     good: false,
   };
@@ -100,15 +98,10 @@ export function findHeader(bytes, start, test) {
   return null;
 }
 
-// CHK-007: an unknown critical flag bit makes a chunk one of an unknown type.
-export function isKnown(header) {
-  return KNOWN.has(header.type) && (header.flags & 0xff) === 0;
-}
-
 export const isCritical = (header) => header.type[0] <= 'Z';
 export const isSafeToCopy = (header) => header.type[3] >= 'a';
 
-export function makeChunk({ type, fileId, sequence, track = NO_TRACK, flags = 0 }, payload) {
+export function makeChunk({ type, fileId, sequence }, payload) {
   const bytes = new Uint8Array(HEADER_SIZE + payload.length);
   const view = new DataView(bytes.buffer);
   bytes.set(SYNC, 0);
@@ -116,9 +109,7 @@ export function makeChunk({ type, fileId, sequence, track = NO_TRACK, flags = 0 
   bytes.set(idBytes(fileId), 8);
   view.setUint32(16, sequence, true);
   view.setUint32(20, payload.length, true);
-  view.setUint16(24, track, true);
-  view.setUint16(26, flags, true);
-  view.setUint32(28, crc32(payload, 0, payload.length, seedOf(fileId)), true);
+  view.setUint32(24, crc32(payload, 0, payload.length, seedOf(fileId)), true);
   view.setUint32(CRC_AT, crc32(bytes, 0, CRC_AT), true);
   bytes.set(payload, HEADER_SIZE);
   return bytes;

@@ -1,6 +1,8 @@
 // TRAK chunks that a recoverer writes (docs/spec/recovery.md): tracks that it keeps, and those that it makes up.
+import { putVarint } from './bytes.js';
+import { putTlv } from './head.js';
 import { limitsOf } from './limits.js';
-import { NONE } from './trak.js';
+import { recordLinked } from './trak.js';
 
 const KINDS = { full: 0, hf: 2 };
 const LOST = '(lost)';
@@ -16,24 +18,12 @@ function strings(list) {
 
 // A track as the payload of TRAK has it.
 function recordOf(track, tlvs) {
-  const fixed = new Uint8Array(28);
-  const view = new DataView(fixed.buffer);
-  fixed.set([tlvs.length, track.componentCount, KINDS[track.kind], 0]);
-  for (let i = 0; i < 4; i++) fixed[4 + i] = track.codec.charCodeAt(i);
-  view.setUint32(8, track.rateNum, true);
-  view.setUint32(12, track.rateDen, true);
-  view.setUint16(24, track.channel, true);
-  view.setUint16(26, track.base ?? NONE, true);
-  const bytes = [...fixed];
-  for (const [type, value] of tlvs) bytes.push(type & 255, type >> 8, value.length & 255, value.length >> 8, ...value);
+  const bytes = [KINDS[track.kind], ...new TextEncoder().encode(track.codec), track.componentCount];
+  const linked = track.base === null ? 0 : 1 + track.base;
+  for (const number of [track.rateNum, track.rateDen, 0, 0, track.channel, linked]) putVarint(bytes, number);
+  bytes.push(tlvs.length);
+  for (const [type, value] of tlvs) putTlv(bytes, type, value);
   return Uint8Array.from(bytes);
-}
-
-// The same track, continuing another one, or none.
-function relinked({ record, continues }) {
-  const copy = record.slice();
-  new DataView(copy.buffer).setUint16(26, continues ?? NONE, true);
-  return copy;
 }
 
 const KNOT_PARAMETERS = [0, 0, 0, 1, 0];
@@ -43,14 +33,16 @@ function emptyTrack(id, kind, componentCount, [rateNum, rateDen], channel, base,
   return { id, componentCount, record: recordOf(track, [[1, KNOT_PARAMETERS], ...tlvs]) };
 }
 
-// The payloads of TRAK for tracks in this order: { track, payload, ids }.
+const HEAD_ROOM = 4;
+
+// The payloads of TRAK for tracks in this order: { payload, ids }.
 export function payloadsOf(list, bound) {
   const out = [];
   let last = null;
   for (const { id, componentCount, record } of list) {
     const fits = last && id === last.ids.at(-1) + 1 && last.components + componentCount <= 255 && last.size + record.length <= bound;
     if (!fits) {
-      last = { track: id, ids: [], records: [], components: 0, size: 1 };
+      last = { ids: [], records: [], components: 0, size: HEAD_ROOM };
       out.push(last);
     }
     last.ids.push(id);
@@ -58,18 +50,22 @@ export function payloadsOf(list, bound) {
     last.components += componentCount;
     last.size += record.length;
   }
-  return out.map(({ track, ids, records, size }) => {
-    const payload = new Uint8Array(size);
-    let at = 1;
+  return out.map(({ ids, records }) => {
+    const start = [];
+    putVarint(start, ids[0]);
+    start.push(0);
+    const payload = new Uint8Array(records.reduce((sum, record) => sum + record.length, start.length));
+    payload.set(start);
+    let at = start.length;
     for (const record of records) {
       payload.set(record, at);
       at += record.length;
     }
-    return { track, payload, ids };
+    return { payload, ids };
   });
 }
 
-// REC-007: -> [{ track, payload, ids }], each base and each track that is continued before those that need it.
+// REC-007: -> [{ payload, ids }], each base and each track that is continued before those that need it.
 export function descriptionsOf(file) {
   const kept = new Set();
   for (const track of file.allTracks.values()) {
@@ -80,7 +76,7 @@ export function descriptionsOf(file) {
   for (const track of file.allTracks.values()) {
     if (!kept.has(track.id)) continue;
     const same = track.strange || track.kind === 'hf' || track.continues === track.continuesAsRead;
-    const record = same ? track.record : relinked(track);
+    const record = same ? track.record : recordLinked(track, track.firstChannel, track.continues);
     (track.kind === 'hf' ? residuals : before).push({ id: track.id, componentCount: track.componentCount, record });
   }
   const taken = new Set([...file.allTracks.keys(), ...file.held.map((packet) => packet.track)]);

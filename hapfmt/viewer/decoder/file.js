@@ -1,6 +1,6 @@
 // A file as clauses 5, 6 and 14.1 tell to read it: all chunks, each rule, no packet decoded yet.
 import { readAttachment, readClock, readDigests, readMap, readMeta } from './ancillary.js';
-import { isCritical, isKnown } from './chunk.js';
+import { isCritical } from './chunk.js';
 import { deliver } from './deliver.js';
 import { HapfError, unsupported } from './error.js';
 import { readHead } from './head.js';
@@ -63,7 +63,6 @@ function read(file) {
     error.also = ['HED-001'];
     throw error;
   }
-  for (const chunk of file.chunks) chunk.known = isKnown(chunk);
   const noteIt = (error, chunk, soft, packet) => note(file, error, chunk, soft, packet);
 
   readHeads(file);
@@ -81,7 +80,7 @@ function read(file) {
   checkTrackCount(file);
 
   const last = file.chunks[file.chunks.length - 1];
-  file.closed = Boolean(last && last.type === 'fOOT' && last.known && last.intact);
+  file.closed = Boolean(last && last.type === 'fOOT' && last.intact);
   readAncillary(file, noteIt);
   readIndexes(file, noteIt);
 }
@@ -210,7 +209,7 @@ function readIndexes(file, noteIt) {
   let entries = 0;
   let lastIndex = null;
   if (!damaged) for (const { chunk, error } of lateIndexes(chunks)) noteIt(error, chunk);
-  const last = chunks.findLast((c) => c.type === 'fOOT' && c.known && c.intact);
+  const last = chunks.findLast((c) => c.type === 'fOOT' && c.intact);
   for (const chunk of chunks) {
     if (!chunk.known || !chunk.intact || chunk.tooLarge) continue;
     try {
@@ -226,12 +225,8 @@ function readIndexes(file, noteIt) {
         lastIndex = chunk;
       } else if (chunk.type === 'fOOT') {
         const foot = readFoot(bytes, chunk);
-        const totals = chunk !== last || !file.closed ? null : {
-          dataCount: chunks.filter((c) => c.type === 'DATA').length,
-          trackCount: allTracks.size,
-          durationNs: durationNs(held, allTracks),
-        };
-        for (const fault of checkFoot(foot, lastIndex, totals)) noteIt(fault, chunk, true);
+        const duration = chunk !== last || !file.closed ? null : durationNs(held, allTracks);
+        for (const fault of checkFoot(foot, lastIndex, duration)) noteIt(fault, chunk, true);
       }
     } catch (error) {
       if (!(error instanceof HapfError) || error.requirement === 'LIM-003') throw error;

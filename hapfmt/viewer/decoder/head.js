@@ -1,27 +1,36 @@
 // HEAD (6.1) and TLVs (6.2).
-import { Reader } from './bytes.js';
-import { broken, unsupported } from './error.js';
+import { Reader, decodeText, putVarint } from './bytes.js';
+import { HapfError, broken, unsupported } from './error.js';
 import { LIMITS } from './limits.js';
 
-const HEAD_SIZE = 44;
+const FIXED_SIZE = 3;
+const TYPE_BOUND = 2 ** 16;
+const UNCERTAINTY_BOUND = 2n ** 63n;
+const [UUID, EPOCH, ENCODER] = [2, 4, 6];
 
-// The next TLV, of a type above `before`: { type, value, offset }, offset being that of the value.
+// The next TLV, of a type above `before`: { type, value, at, offset }, offset being that of the value.
 export function readTlv(reader, before) {
   const at = reader.offset;
-  if (reader.left < 4) broken('TLV-001', 'a piece of a TLV', at);
-  const type = reader.u16();
-  const size = reader.u16();
+  const type = reader.varint();
+  const size = reader.varint();
   if (type <= before) broken('TLV-001', `TLV ${type} behind ${before}`, at);
+  if (type >= TYPE_BOUND) broken('TLV-001', `TLV ${type}`, at);
   if (size > reader.left) broken('TLV-001', `TLV ${type} passes the end of its chunk`, at);
   const offset = reader.offset;
-  return { type, value: reader.bytes(size), offset };
+  return { type, value: reader.bytes(size), at, offset };
 }
 
-// All to the end.
-function readTlvs(reader) {
-  const tlvs = [];
-  while (reader.left > 0) tlvs.push(readTlv(reader, tlvs.at(-1)?.type ?? -1));
-  return tlvs;
+export function putTlv(array, type, value) {
+  putVarint(array, type);
+  putVarint(array, value.length);
+  for (const byte of value) array.push(byte);
+}
+
+// The UUID of a file without one.
+export function uuidOf(fileId) {
+  const digits = fileId.slice(2);
+  const text = `${digits.slice(0, 12)}8${digits.slice(12, 15)}8${digits[15]}00${'0'.repeat(12)}`;
+  return Uint8Array.from(text.match(/../g), (pair) => parseInt(pair, 16));
 }
 
 // VER-001 first: of a file of another version no other rule is checked.
@@ -34,29 +43,44 @@ export function readHead(bytes, chunk) {
   if (major !== 1) unsupported('VER-001', `major version ${major}`, at);
   const minor = size > 1 ? reader.u8() : 0;
   const level = size > 2 ? reader.u8() : 1;
-  const reserved = size > 3 ? reader.u8() : 0;
-  const incompat = size >= 8 ? reader.u32() : 0;
-  if (incompat !== 0) unsupported('VER-001', `unknown feature bits ${incompat.toString(16)}`, at + 4);
   if (!(level in LIMITS)) unsupported('HED-004', `level ${level}`, at + 2);
-  if (size < HEAD_SIZE) broken('HED-002', 'HEAD is too short', at);
-  const compat = reader.u32();
-  const head = {
-    major, minor, level, compat, fileId: chunk.fileId,
-    uuid: reader.bytes(16), epochNs: reader.i64(), epochUncertaintyNs: reader.u64(),
-  };
+  if (size < FIXED_SIZE) broken('HED-002', 'HEAD is too short', at);
+  const head = { major, minor, level, fileId: chunk.fileId, tlvs: new Map(), uuid: uuidOf(chunk.fileId), epochNs: null, epochUncertaintyNs: null, encoder: '' };
   const faults = [];
-  const attempt = (action) => {
-    try {
-      return action();
-    } catch (error) {
-      faults.push(error);
-      return null;
+  try {
+    for (let before = -1; reader.left > 0;) {
+      const tlv = readTlv(reader, before);
+      head.tlvs.set(tlv.type, tlv);
+      before = tlv.type;
     }
-  };
-  const tlvs = attempt(() => readTlvs(reader)) ?? [];
-  for (const tlv of tlvs) {
-    if (tlv.type % 2 === 1) unsupported('TLV-003', `unknown critical TLV ${tlv.type} in HEAD`, tlv.offset - 4);
+    fill(head);
+  } catch (error) {
+    if (!(error instanceof HapfError)) throw error;
+    faults.push(error);
   }
-  if (reserved !== 0) attempt(() => broken('HED-005', 'a reserved byte is not 0', at + 3));
+  for (const { type, at: place } of head.tlvs.values()) {
+    if (type % 2 === 1) unsupported('TLV-003', `unknown critical TLV ${type} in HEAD`, place);
+  }
   return { head, faults };
+}
+
+function fill(head) {
+  for (const { type, value, offset } of head.tlvs.values()) {
+    if ((type === UUID || type === EPOCH) && value.length !== 16) broken('HED-002', `TLV ${type} of ${value.length} bytes`, offset);
+    if (type === UUID) head.uuid = value;
+    if (type === ENCODER) head.encoder = decodeText(value, offset);
+    if (type !== EPOCH) continue;
+    const reader = new Reader(value, { base: offset });
+    [head.epochNs, head.epochUncertaintyNs] = [reader.i64(), reader.u64()];
+    if (head.epochUncertaintyNs >= UNCERTAINTY_BOUND) broken('HED-002', `an uncertainty of ${head.epochUncertaintyNs} ns`, offset + 8);
+  }
+}
+
+// The payload of a HEAD; tlvs: { type, value }. In another file the UUID does not follow from the file id any more.
+export function headPayload({ minor, level, uuid, tlvs }) {
+  const payload = [1, minor, level];
+  const own = [...tlvs].filter(({ type }) => type !== UUID);
+  if (uuid) own.push({ type: UUID, value: uuid });
+  for (const { type, value } of own.sort((a, b) => a.type - b.type)) putTlv(payload, type, value);
+  return Uint8Array.from(payload);
 }

@@ -2,7 +2,7 @@
 import { Reader } from './bytes.js';
 import { HapfError, broken } from './error.js';
 
-const FOOT_SIZE = 32;
+export const FOOT_SIZE = 12;
 export const INDEX_STRETCH = 4 * 2 ** 20;
 const ENTRY_LEAST = 5;
 const MS_BOUND = 2 ** 53 - 1;
@@ -107,10 +107,7 @@ export function* lateIndexes(chunks) {
 export function readFoot(bytes, chunk) {
   if (chunk.payloadSize !== FOOT_SIZE) broken('FOT-001', `a fOOT of ${chunk.payloadSize} bytes`, chunk.payloadStart);
   const reader = new Reader(bytes, { start: chunk.payloadStart, end: chunk.end, requirement: 'FOT-001' });
-  return {
-    chunk, indexOffset: reader.u64(), stopOffset: reader.u64(),
-    dataCount: reader.u32(), trackCount: reader.u32(), durationNs: reader.i64(),
-  };
+  return { chunk, indexDistance: reader.u32(), durationNs: reader.u64() };
 }
 
 // The end of the latest packet in nanoseconds, rounded up.
@@ -125,19 +122,13 @@ export function durationNs(packets, allTracks) {
   return latest > NS_BOUND ? NS_BOUND : latest;
 }
 
-// FOT-001, FOT-002; FOT-002 where `totals` are given: of the last one.
-export function checkFoot(foot, last, totals) {
-  const { chunk } = foot;
+// FOT-002; durationNs: of the one that closes the file, else null. last: the index before it, or null.
+export function checkFoot({ chunk, indexDistance, durationNs: told }, last, durationNs) {
   const faults = [];
-  const at = chunk.payloadStart;
-  if (foot.stopOffset !== BigInt(chunk.end)) faults.push(fault('FOT-001', `an end at offset ${foot.stopOffset}`, at + 8));
-  if (!last || foot.indexOffset !== BigInt(last.position)) faults.push(fault('FOT-002', `an index at offset ${foot.indexOffset}`, at));
-  if (totals) {
-    if (foot.dataCount !== totals.dataCount) faults.push(fault('FOT-002', `${foot.dataCount} DATA chunks`, at + 16));
-    if (foot.trackCount !== totals.trackCount) faults.push(fault('FOT-002', `${foot.trackCount} tracks`, at + 20));
-    if (totals.durationNs !== null && foot.durationNs !== totals.durationNs) {
-      faults.push(fault('FOT-002', `a duration of ${foot.durationNs} ns, not ${totals.durationNs}`, at + 24));
-    }
+  const distance = last ? chunk.position - last.position : 0;
+  if (indexDistance !== distance) faults.push(fault('FOT-002', `an index ${indexDistance} bytes before, not ${distance}`, chunk.payloadStart));
+  if (durationNs !== null && told !== durationNs) {
+    faults.push(fault('FOT-002', `a duration of ${told} ns, not ${durationNs}`, chunk.payloadStart + 4));
   }
   return faults;
 }

@@ -1,15 +1,17 @@
 // Recovering a file (docs/spec/recovery.md): writes the chunks that were found.
-import { isOverview } from './ancillary.js';
+import { digestPayload, isOverview } from './ancillary.js';
 import { isCritical, isSafeToCopy, randomId } from './chunk.js';
 import { descriptionsOf } from './describe.js';
 import { INDEX_STRETCH, durationNs, packetMs } from './indexes.js';
 import { HEAD_ROOM, ROW_ROOM, samplesOf } from './cluster.js';
+import { headPayload } from './head.js';
 import { writeJson } from './json.js';
 import { judgeRecovery, reportOf } from './report.js';
 import { verifyFile } from './verify.js';
 import { Writer } from './writer.js';
 
 const NOTES = 40;
+const HEAD_TLVS = new Set([2, 4, 6]);
 
 // -> { bytes, report, verdict }; bytes is null where nothing is written (clause 13).
 export function recoverFile(bytes, { fileId } = {}) {
@@ -17,8 +19,8 @@ export function recoverFile(bytes, { fileId } = {}) {
   if (file.refused) return { bytes: null, report: reportOf(file), verdict: file.verdict };
   const { descriptions, kept } = descriptionsOf(file);
   const writer = new Writer(fileId ?? randomId());
-  writer.write('HEAD', headPayload(file));
-  for (const { track, payload } of descriptions) writer.write('TRAK', payload, { track });
+  writer.write('HEAD', headOf(file));
+  for (const { payload } of descriptions) writer.write('TRAK', payload);
 
   const packets = file.packets.filter((packet) => kept.has(packet.track) && !packet.broken);
   const byChunk = new Map();
@@ -28,50 +30,37 @@ export function recoverFile(bytes, { fileId } = {}) {
   }
   const harmed = file.damages.some(({ code }) => code !== 'not-closed');
   let dropped = 0;
-  let dataCount = 0;
   for (const chunk of [...file.chunks].sort((a, b) => a.sequence - b.sequence || a.position - b.position)) {
     const payload = file.bytes.subarray(chunk.payloadStart, chunk.end);
-    const { type, track, flags } = chunk;
+    const { type, track } = chunk;
     if (chunk.known && type === 'DATA') {
       for (const cluster of clustersOf(byChunk.get(chunk) ?? [], file)) {
         writer.writeData(cluster, timesOf(cluster, file));
-        dataCount++;
       }
     } else if (chunk.known && chunk.good && type !== 'dGST') {
-      const lostTrack = (type === 'cLOk' || type === 'cMAp') && track !== 0xffff && !kept.has(track);
+      const lostTrack = (type === 'cLOk' || type === 'cMAp') && track !== null && !kept.has(track);
       if (lostTrack) dropped++;
-      else if (type !== 'aTTc' || !isOverview(file.bytes, chunk)) writer.write(type, payload, { track, flags: flags & 0xff00 });
+      else if (type !== 'aTTc' || !isOverview(file.bytes, chunk)) writer.write(type, payload);
     } else if (!chunk.known && chunk.intact && !chunk.tooLarge) {
-      if (isCritical(chunk) || isSafeToCopy(chunk) || !harmed) writer.write(type, payload, { track, flags });
+      if (isCritical(chunk) || isSafeToCopy(chunk) || !harmed) writer.write(type, payload);
       else dropped++;
     }
   }
   // Behind the packets that they refer to.
-  for (const digest of copiedDigests(file)) writer.write('dGST', digest.digest, { track: digest.track });
+  for (const digest of copiedDigests(file)) writer.write('dGST', digestPayload(digest.track, digest.digest));
   const verdict = judgeRecovery(file, dropped > 0);
   if (verdict === 'damaged') writer.write('mETa', notesPayload(file, dropped));
-  const trackCount = descriptions.reduce((sum, { ids }) => sum + ids.length, 0);
-  writer.writeFoot(dataCount, trackCount, durationNs(packets, file.allTracks));
+  writer.writeFoot(durationNs(packets, file.allTracks));
   return { bytes: writer.bytes(), report: reportOf(file, verdict), verdict };
 }
 
 // HEAD keeps UUID, epoch and level; the file id is a new one.
-function headPayload(file) {
+function headOf(file) {
   const { head, headChunk } = file;
-  const harmed = headChunk && file.notes.some((note) => note.chunk === headChunk);
-  const payload = headChunk && !harmed ? file.bytes.slice(headChunk.payloadStart, headChunk.end) : new Uint8Array(44);
-  const view = new DataView(payload.buffer);
-  if (!headChunk) {
-    payload.set([1, 0, 2]);
-    view.setBigUint64(36, 2n ** 64n - 1n, true);
-  } else if (harmed) {
-    payload.set([1, head.minor, head.level]);
-    view.setUint32(8, head.compat, true);
-    payload.set(head.uuid, 12);
-    view.setBigInt64(28, head.epochNs, true);
-    view.setBigUint64(36, head.epochUncertaintyNs, true);
-  }
-  return payload;
+  if (!headChunk) return headPayload({ minor: 0, level: 2, uuid: null, tlvs: [] });
+  const harmed = file.notes.some((note) => note.chunk === headChunk);
+  const tlvs = [...head.tlvs.values()].filter(({ type }) => !harmed || HEAD_TLVS.has(type));
+  return headPayload({ minor: head.minor, level: head.level, uuid: head.uuid, tlvs });
 }
 
 // The packets of one cluster, in as many chunks as the limits of the level call for.

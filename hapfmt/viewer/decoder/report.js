@@ -51,6 +51,9 @@ export function judge(file) {
   return file.verdict;
 }
 
+// Whether a damaged payload was a copy of another one.
+const sameContent = (a, b) => a.payloadCrc === b.payloadCrc && a.payloadSize === b.payloadSize;
+
 // Clause 13, of `recover`: what it writes again is not lost.
 export function judgeRecovery(file, dropped) {
   const lossless = ({ code, took, chunk, offset, size }) => {
@@ -60,7 +63,10 @@ export function judgeRecovery(file, dropped) {
     if (!chunk || !['bad-chunk', 'bad-payload', 'truncated'].includes(code)) return false;
     if (WRITTEN_ANEW.has(chunk.type)) return true;
     if (chunk.type === 'HEAD') return file.head !== null && chunk !== file.headChunk;
-    if (chunk.type === 'TRAK') return file.allTracks.has(chunk.track) && !file.descriptions.some((one) => one.chunk === chunk);
+    if (chunk.type === 'TRAK') {
+      if (!chunk.intact) return file.descriptions.some((one) => sameContent(one.chunk, chunk));
+      return file.allTracks.has(chunk.track) && !file.descriptions.some((one) => one.chunk === chunk);
+    }
     // Whatever of its packets is missing has a damage of its own.
     return chunk.type === 'DATA' && code !== 'truncated';
   };

@@ -1,6 +1,6 @@
 // All descriptions of a file together: the rules of 6.3 that concern more than one track.
 import { HapfError } from './error.js';
-import { limitDescriptions, readTrak } from './trak.js';
+import { firstTrackOf, limitDescriptions, readTrak } from './trak.js';
 import { checkCalibration } from './values.js';
 
 const sameBytes = (a, b) => a.length === b.length && a.every((byte, i) => byte === b[i]);
@@ -32,6 +32,7 @@ function readAll(bytes, chunks, level, note) {
   let weight = 0;
   for (const chunk of chunks) {
     const payload = bytes.subarray(chunk.payloadStart, chunk.end);
+    chunk.track = firstTrackOf(payload);
     const known = byId.get(chunk.track);
     if (known) {
       const copy = known.firstId === chunk.track && sameBytes(known.payload, payload);
@@ -41,7 +42,7 @@ function readAll(bytes, chunks, level, note) {
     const { description, faults } = readTrak(bytes, chunk, level);
     for (const fault of faults) note(fault, chunk);
     if (!description) {
-      byId.set(chunk.track, { firstId: chunk.track, payload });
+      if (chunk.track !== null) byId.set(chunk.track, { firstId: chunk.track, payload });
       continue;
     }
     if (description.tracks.some(({ id }) => byId.has(id))) {

@@ -1,5 +1,5 @@
 // TRAK (6.3): the description of tracks.
-import { Reader } from './bytes.js';
+import { Reader, putVarint } from './bytes.js';
 import { CODECS, parseParameters } from './codecs.js';
 import { HapfError, broken, unsupported } from './error.js';
 import { readTlv } from './head.js';
@@ -8,7 +8,7 @@ import { limitsOf } from './limits.js';
 import { readCalibrations, readContract, readDeviations, readStrings, readText } from './lists.js';
 import { checkCalibration } from './values.js';
 
-export const NONE = 0xffff;
+const RATE_BOUND = 2 ** 32;
 const KINDS = ['full', 'lf', 'hf', 'events'];
 const FORMATS = ['counts', 'int64', 'uint64', 'binary16', 'binary32', 'binary64'];
 const STRINGS = { 2: 'labels', 4: 'units', 6: 'quantities', 8: 'axes', 10: 'groups', 12: 'bodySites', 14: 'devices' };
@@ -38,9 +38,20 @@ export function readTrak(bytes, chunk, level) {
   return { description: whole ? description : null, faults };
 }
 
+// The id of the first track; null where there is none to be read.
+export function firstTrackOf(payload) {
+  try {
+    return new Reader(payload).varint();
+  } catch (error) {
+    if (!(error instanceof HapfError)) throw error;
+    return null;
+  }
+}
+
 // TRK-020: the tracks as they are, and the offset in the file of their first byte, null for a DEFLATE stream.
 function unpack({ payload, chunk, level }) {
   const reader = new Reader(payload, { base: chunk.payloadStart, requirement: 'TRK-020' });
+  reader.varint();
   const size = reader.varint();
   const rest = payload.subarray(reader.position);
   if (size === 0) return { bytes: rest, base: reader.offset };
@@ -55,24 +66,30 @@ function readTracks(description, bytes, base, faults) {
   while (reader.left > 0) {
     const at = reader.offset;
     const start = reader.position;
-    const tlvCount = reader.u8();
+    const kinds = reader.u8();
     const track = {
-      id: firstId + tracks.length, description, level, at, componentCount: reader.u8(), kindNumber: reader.u8(),
-      formatNumber: reader.u8(), codec: String.fromCharCode(...reader.bytes(4)),
-      rateNum: reader.u32(), rateDen: reader.u32(), countMin: reader.i32(), countMax: reader.i32(),
-      firstChannel: reader.u16(), linked: reader.u16(), tlvs: new Map(),
+      id: firstId + tracks.length, description, level, at, kindNumber: kinds & 15, formatNumber: kinds >> 4,
+      codec: String.fromCharCode(...reader.bytes(4)), componentCount: reader.u8(), rateNum: reader.varint(), rateDen: reader.varint(),
+      countMin: reader.svarint(), countMax: reader.svarint(), tlvs: new Map(),
     };
+    const channelAt = reader.position - start;
+    track.firstChannel = reader.varint();
+    track.linked = reader.varint() - 1;
+    const linkedEnd = reader.position - start;
+    const tlvCount = reader.u8();
     components += track.componentCount;
-    if (!track.componentCount || !track.rateNum || !track.rateDen || components > 255) {
-      broken('TRK-002', `${components} components, rate ${track.rateNum}/${track.rateDen}`, at);
+    const { rateNum, rateDen } = track;
+    if (!track.componentCount || !rateNum || !rateDen || rateNum >= RATE_BOUND || rateDen >= RATE_BOUND || components > 255) {
+      broken('TRK-002', `${components} components, rate ${rateNum}/${rateDen}`, at);
     }
-    if (track.id > 65533) broken('TRK-003', `track id ${track.id}`, chunk.position + 20);
+    if (track.id > 65533) broken('TRK-003', `track id ${track.id}`, chunk.payloadStart);
     for (let i = 0, before = -1; i < tlvCount; i++) {
       const tlv = readTlv(reader, before);
       track.tlvs.set(tlv.type, tlv);
       before = tlv.type;
     }
     track.record = bytes.subarray(start, reader.position);
+    track.places = [channelAt, linkedEnd];
     tracks.push(track);
   }
   if (tracks.length === 0) broken('TRK-002', 'no track', chunk.payloadStart);
@@ -89,7 +106,7 @@ function describe(track, faults) {
   track.unsupported = strange ? strange.message : null;
   track.setup = null;
   const last = track.firstChannel + track.componentCount - 1;
-  if (track.kind !== 'events' && last > 65534) broken('TRK-010', `channel ${last}`, track.at + 24);
+  if (track.kind !== 'events' && last > 65534) broken('TRK-010', `channel ${last}`, track.at);
   if (strange) {
     faults.push(strange);
     // What else the description says may refer to what is not understood: nothing more is held against it.
@@ -109,11 +126,11 @@ function describe(track, faults) {
 // TRK-011, TLV-003.
 function strangePart(track) {
   const { at, tlvs } = track;
-  if (!track.kind) return new HapfError('unsupported', 'TRK-011', `kind ${track.kindNumber}`, at + 2);
-  if (!track.numberFormat) return new HapfError('unsupported', 'TRK-011', `number format ${track.formatNumber}`, at + 3);
+  if (!track.kind) return new HapfError('unsupported', 'TRK-011', `kind ${track.kindNumber}`, at);
+  if (!track.numberFormat) return new HapfError('unsupported', 'TRK-011', `number format ${track.formatNumber}`, at);
   const tlv = [...tlvs.values()].find(({ type }) => type % 2 === 1 && !KNOWN_TLVS.has(type));
-  if (tlv) return new HapfError('unsupported', 'TLV-003', `unknown critical TLV ${tlv.type}`, tlv.offset - 4);
-  return CODECS.includes(track.codec) ? null : new HapfError('unsupported', 'TRK-011', `unknown codec ${track.codec}`, at + 4);
+  if (tlv) return new HapfError('unsupported', 'TLV-003', `unknown critical TLV ${tlv.type}`, tlv.at);
+  return CODECS.includes(track.codec) ? null : new HapfError('unsupported', 'TRK-011', `unknown codec ${track.codec}`, at + 1);
 }
 
 const channelsOf = ({ kind, componentCount, firstChannel }) => (
@@ -122,7 +139,7 @@ const channelsOf = ({ kind, componentCount, firstChannel }) => (
 
 function describeBarely(track) {
   const all = (value) => new Array(track.componentCount).fill(value);
-  const linked = track.linked === NONE ? null : track.linked;
+  const linked = track.linked < 0 ? null : track.linked;
   Object.assign(track, {
     countMin: 0, countMax: 0, channels: channelsOf(track), base: track.kind === 'hf' ? linked : null,
     continues: track.kind === 'full' || track.kind === 'lf' ? linked : null, parameters: null, parametersOffset: null,
@@ -137,23 +154,23 @@ function checkKind(track) {
   const { rangeBits, hfRangeBits } = limitsOf(track.level);
   const half = 2 ** ((kind === 'hf' ? hfRangeBits : rangeBits) - 1);
   if (countMin > countMax || countMin < -half || countMax >= half) {
-    const error = new HapfError('broken', 'TRK-005', `a declared range of ${countMin} to ${countMax}`, at + 16);
+    const error = new HapfError('broken', 'TRK-005', `a declared range of ${countMin} to ${countMax}`, at);
     if (countMin <= countMax) error.also = ['LIM-001'];
     throw error;
   }
   if (kind === 'hf') {
     const type = OF_THE_BASE.find((t) => tlvs.has(t));
-    if (type) broken('TRK-009', `TLV ${type} of an HF track`, tlvs.get(type).offset - 4);
+    if (type) broken('TRK-009', `TLV ${type} of an HF track`, tlvs.get(type).at);
   }
   if ((track.codec === 'EVNT') !== (kind === 'events')) {
-    broken('TRK-019', `codec ${track.codec} of a track of kind ${kind}`, at + 4);
+    broken('TRK-019', `codec ${track.codec} of a track of kind ${kind}`, at + 1);
   }
   if (kind === 'events') {
     const good = track.componentCount === 1 && track.numberFormat === 'counts'
-      && countMin === 0 && countMax === 0 && track.firstChannel === NONE && track.linked === NONE;
+      && countMin === 0 && countMax === 0 && track.firstChannel === 0 && track.linked < 0;
     if (!good) broken('TRK-019', 'a track of kind events with other fields than it may have', at);
     const type = [...tlvs.keys()].find((t) => KNOWN_TLVS.has(t) && ![2, 14, 22].includes(t));
-    if (type !== undefined) broken('TRK-019', `TLV ${type} of a track of kind events`, tlvs.get(type).offset - 4);
+    if (type !== undefined) broken('TRK-019', `TLV ${type} of a track of kind events`, tlvs.get(type).at);
   }
   if (track.numberFormat !== 'counts' && kind !== 'events') {
     if (kind !== 'full' || countMin !== 0 || countMax !== 0 || tlvs.has(3) || tlvs.has(16) || track.codec !== 'RAWB') {
@@ -176,7 +193,7 @@ function fill(track) {
   track.parametersOffset = tlvs.get(1)?.offset ?? track.at;
   track.channels = channelsOf(track);
   track.base = kind === 'hf' ? linked : null;
-  track.continues = kind !== 'hf' && linked !== NONE ? linked : null;
+  track.continues = kind !== 'hf' && linked >= 0 ? linked : null;
   track.continuesAsRead = track.continues;
 }
 
@@ -188,6 +205,14 @@ function readSetup(track, faults) {
     track.fault = error;
     faults.push(error);
   }
+}
+
+// The record of a track with another first channel, linked to another track (null: to none).
+export function recordLinked({ record, places: [channelAt, linkedEnd] }, channel, linked) {
+  const numbers = [];
+  putVarint(numbers, channel);
+  putVarint(numbers, linked === null ? 0 : 1 + linked);
+  return Uint8Array.from([...record.subarray(0, channelAt), ...numbers, ...record.subarray(linkedEnd)]);
 }
 
 export function limitDescriptions(total, offset) {

@@ -2,10 +2,10 @@
 import { HEADER_SIZE, beginsWithSignature, clusterSeed, findHeader, readHeader } from './chunk.js';
 import { crc32 } from './crc32.js';
 import { unsupported } from './error.js';
+import { FOOT_SIZE } from './indexes.js';
 import { heldSize } from './salvage.js';
 
 const MEBIBYTE = 2 ** 20;
-const FOOT_SIZE = HEADER_SIZE + 32;
 // Each chunk and each damage is kept: a reader's own bound (LIM-003).
 const CHUNK_BOUND = 2 ** 20;
 
@@ -148,9 +148,9 @@ function identify(bytes, signed, payloadHolds, meter) {
 
 // The id of the footer that ends the file, or of the last intact index or footer; null where there is none.
 function lastMark(bytes, payloadHolds) {
-  const at = bytes.length - FOOT_SIZE;
+  const at = bytes.length - HEADER_SIZE - FOOT_SIZE;
   const foot = at >= 0 ? readHeader(bytes, at) : null;
-  if (foot && foot.type === 'fOOT' && foot.payloadSize === FOOT_SIZE - HEADER_SIZE && payloadHolds(foot)) return foot.fileId;
+  if (foot && foot.type === 'fOOT' && foot.payloadSize === FOOT_SIZE && payloadHolds(foot)) return foot.fileId;
   for (let position = bytes.length - HEADER_SIZE; position >= 0; position--) {
     const header = readHeader(bytes, position);
     if (header && (header.type === 'iNDX' || header.type === 'fOOT') && payloadHolds(header)) return header.fileId;

@@ -2,9 +2,13 @@
 import { putVarint } from './bytes.js';
 import { HEADER_SIZE, SIGNATURE, clusterSeed, makeChunk, seedOf } from './chunk.js';
 import { HEAD_ROOM, ROW_ROOM, makeCluster } from './cluster.js';
+import { FOOT_SIZE } from './indexes.js';
 
 const INDEX_STRETCH = 4 * 2 ** 20;
 const INDEX_ROOM = 2 ** 19;
+// A closed file of no more bytes and chunks has no index (IDX-005).
+const BARE_SIZE = 2 ** 16;
+const BARE_COUNT = 16;
 const MS_BOUND = 2n ** 53n - 1n;
 
 export class Writer {
@@ -29,19 +33,19 @@ export class Writer {
   writeData(packets, times) {
     const room = packets.reduce((sum, { bytes }) => sum + ROW_ROOM + bytes.length, HEADER_SIZE + HEAD_ROOM);
     this.makeRoom(room);
-    this.put('DATA', makeCluster(packets, clusterSeed(this.seed, this.sequence)), { times });
+    this.put('DATA', makeCluster(packets, clusterSeed(this.seed, this.sequence)), times);
   }
 
-  write(type, payload, given = {}) {
+  write(type, payload) {
     if (type !== 'iNDX') this.makeRoom(HEADER_SIZE + payload.length);
-    this.put(type, payload, given);
+    this.put(type, payload, null);
   }
 
-  put(type, payload, { track, flags, times }) {
+  put(type, payload, times) {
     const size = HEADER_SIZE + payload.length;
     this.pending.push({ type, offset: this.offset, times });
     this.size += 4 + 8 + (times ? 16 : 0);
-    this.parts.push(makeChunk({ type, fileId: this.fileId, sequence: this.sequence++, track, flags }, payload));
+    this.parts.push(makeChunk({ type, fileId: this.fileId, sequence: this.sequence++ }, payload));
     this.offset += size;
   }
 
@@ -71,16 +75,14 @@ export class Writer {
     this.previous = at;
   }
 
-  writeFoot(dataCount, trackCount, duration) {
-    this.writeIndex();
-    const payload = new Uint8Array(32);
+  writeFoot(duration) {
+    const size = HEADER_SIZE + FOOT_SIZE;
+    if (this.previous || this.offset + size > BARE_SIZE || this.sequence >= BARE_COUNT) this.writeIndex();
+    const payload = new Uint8Array(FOOT_SIZE);
     const view = new DataView(payload.buffer);
-    view.setBigUint64(0, BigInt(this.previous), true);
-    view.setBigUint64(8, BigInt(this.offset + HEADER_SIZE + payload.length), true);
-    view.setUint32(16, dataCount, true);
-    view.setUint32(20, trackCount, true);
-    view.setBigInt64(24, duration, true);
-    this.write('fOOT', payload);
+    view.setUint32(0, this.previous ? this.offset - this.previous : 0, true);
+    view.setBigUint64(4, duration, true);
+    this.put('fOOT', payload, null);
   }
 
   bytes() {
