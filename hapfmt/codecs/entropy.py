@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
-from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -153,6 +152,11 @@ class Model:
     p: int = 32768
     n: int = 0
 
+    @classmethod
+    def of(cls, *, rare: bool) -> Model:
+        """At first; ``rare``: as if it had learnt two zeros."""
+        return cls(8192, 2) if rare else cls()
+
     def learn(self, bit: int, limit: int) -> None:
         t = min((self.n + 2).bit_length() - 1, limit)
         self.p += (65535 - self.p) >> t if bit else -(self.p >> t)
@@ -174,13 +178,13 @@ class Models:
     """What a section of integers by bits has learnt."""
 
     def __init__(self) -> None:
-        self.near = [defaultdict[int, Model](Model) for _ in range(NEAR)]
-        self.loud = [defaultdict[int, Model](Model) for _ in range(LOUD)]
-        self.halves = defaultdict[int, Model](Model)
+        self.near = [[Model.of(rare=k < i - 2) for k in range(KINDS)] for i in range(NEAR)]
+        self.loud = [[Model.of(rare=k < j - 5) for k in range(KINDS)] for j in range(LOUD)]
+        self.halves = [Model() for _ in range(KINDS)]
         self.signs = (Model(), Model(), Model())
         self.a = self.b = self.s = self.d = 0
 
-    def size(self) -> tuple[defaultdict[int, Model], defaultdict[int, Model]]:
+    def size(self) -> tuple[list[Model], list[Model]]:
         """The models of the next magnitude, for each kind."""
         g = 2 * self.a + self.b
         i = g if g < PLAIN else min(1 + g.bit_length(), NEAR - 1)

@@ -26,10 +26,10 @@ extern uint16_t hapfmt_costs[SCALE];
 
 static inline void models_init(models *m)
 {
-    const model even = {EVEN, 2};
+    const model even = {EVEN, 2}, rare = {EVEN / 4, 4};
     for (int k = 0; k < KINDS; k++) {
-        for (int i = 0; i < NEAR; i++) m->near[i][k] = even;
-        for (int i = 0; i < LOUD; i++) m->loud[i][k] = even;
+        for (int i = 0; i < NEAR; i++) m->near[i][k] = k < i - 2 ? rare : even;
+        for (int j = 0; j < LOUD; j++) m->loud[j][k] = k < j - 5 ? rare : even;
         m->half[k] = even;
     }
     for (int i = 0; i < SIGN_CONTEXTS; i++) m->sign[i] = even;
