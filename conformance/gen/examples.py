@@ -76,7 +76,8 @@ def track(codec: str, *, low: int = 0, high: int = 255, range_notes: tuple[str, 
     """A description; ``tlvs`` are (type, what it is, value)."""
     counted = "one TLV" if len(tlvs) == 1 else f"{len(tlvs)} TLVs"
     wide = "one component" if components == 1 else f"{components} components"
-    linked = "linked to no track" if base is None else f"1 + base: track {base}"
+    what = "base" if kind == 2 else "track that it continues"
+    linked = "linked to no track" if base is None else f"1 + {what}: track {base}"
     notes = range_notes or (f"lowest count {low}", f"highest count {high}")
     out = [
         u8(kind | number_format << 4, f"{KINDS[kind]}, {FORMATS[number_format]}"),
@@ -90,9 +91,9 @@ def track(codec: str, *, low: int = 0, high: int = 255, range_notes: tuple[str, 
         varint(0 if base is None else 1 + base, linked),
         u8(len(tlvs), counted),
     ]
-    for type_, what, value in tlvs:
+    for type_, about, value in tlvs:
         size = len(joined(value))
-        out += [varint(type_, f"TLV {type_}, {what}"), varint(size, f"{size} bytes"), *value]
+        out += [varint(type_, f"TLV {type_}, {about}"), varint(size, f"{size} bytes"), *value]
     return out
 
 
@@ -250,6 +251,23 @@ def marks() -> Example:
 `EVNT`), and a clock that was observed twice. The events are 'go' at 1.5 ms, and 'µm' of channel
 0 from 2 to 3 ms."""
     return Example(f, note, {"0": [span(0, 1, 1, 1, 1)], "events": found, "clock": seen})
+
+
+def continued() -> Example:
+    f = File(0x0000000F, brief=True)
+    f.head()
+    rest = track("KNOT", tlvs=[knots()])
+    one = [u8(1, "one byte per number"), raw(bytes(3), "reserved")]
+    busy = track("RAWB", low=-100, high=100, base=0, tlvs=[(1, "codec parameters", one)])
+    f.chunk("TRAK", plain(rest, busy))
+    words = [u8(0, "stored"), raw(bytes([9, 256 - 7, 5]), "9, -7, 5")]
+    rows = [(0, 0, [svarint(8, "a single knot: constant 8")], 4), (1, 4, words, 3)]
+    f.cluster(rows, (0, 7 * MS))
+    f.close()
+    note = """A channel in two tracks, one after the other: at rest in `KNOT`, then in `RAWB` with
+another range. Track 1 continues track 0, so it has its channel, rate, calibration and unit. The
+channel is 8 8 8 8 9 -7 5, one span."""
+    return Example(f, note, {"0": [span(0, 8, 8, 8, 8, 9, -7, 5)]})
 
 
 def quantised() -> Example:
@@ -644,8 +662,8 @@ def described() -> Example:
     f.cluster(rows, (0, 4 * MS))
     f.close()
     note = """Every TLV of `HEAD` and of `TRAK`, and a description as a DEFLATE stream. Channel 0
-is 0.1 N, channel 1 is (600 - 500) / 1000 = 0.1 N, channel 2 is 7. The byte 255 repeats the text before it;
-a list of one entry applies to all components."""
+is 0.1 N, channel 1 is (600 - 500) / 1000 = 0.1 N, channel 2 is 7. The byte 255 repeats the text
+before it; a list of one entry applies to all components."""
     return Example(
         f, note, {"0": [span(0, *[100] * 4)], "1": [span(0, *[600] * 4)], "2": [span(0, *[7] * 4)]}
     )
@@ -736,6 +754,7 @@ MAKERS: dict[str, Callable[[], Example]] = {
     "hold": hold,
     "residual": residual,
     "marks": marks,
+    "continued": continued,
     "quantised": quantised,
     "raw": raws,
     "coded": coded,
@@ -752,11 +771,22 @@ MAKERS: dict[str, Callable[[], Example]] = {
 
 HEADER = """# Worked examples
 
-Each listing is a whole file of `conformance/examples/`: offset, bytes, meaning. After the first
-example a chunk header is one field of 32 bytes. The `.json` of the same name has what the file
-decodes to. `conformance/gen/examples.py` makes this page and the files, and
-`tests/test_examples.py` compares them with a reader.
+Each listing is a file of `conformance/examples/`: offset, bytes, meaning. After the first example a
+chunk header is one field of 32 bytes, and signature, `HEAD` and the last `fOOT` are left out. The
+`.json` of the same name has what the file decodes to. `conformance/gen/examples.py` makes this page
+and the files, and `tests/test_examples.py` compares them with a reader.
 """
+
+
+BEGINNING, FOOTER = 43, 44
+"""Bytes of signature and HEAD, and of fOOT."""
+
+
+def ends_of(file: File) -> tuple[int, int]:
+    """Where a listing begins and ends."""
+    if not file.brief:
+        return 0, file.offset
+    return BEGINNING * (file.offsets["TRAK"] == BEGINNING), file.offset - FOOTER
 
 
 def text() -> str:
@@ -769,7 +799,7 @@ def text() -> str:
             textwrap.fill(example.note, 110, break_long_words=False, break_on_hyphens=False),
             "",
             "```",
-            listing(example.file.fields),
+            listing(example.file.fields, *ends_of(example.file)),
             "```",
             "",
         ]
