@@ -608,7 +608,7 @@ def recordings(draw):
         tuple(made),
         uuid=draw(st.none() | st.uuids()),
         epoch_ns=draw(i64s) if known else None,
-        epoch_uncertainty_ns=draw(st.integers(0, 2**63)) if known else 0,
+        epoch_uncertainty_ns=draw(st.integers(0, 2**63 - 1)) if known else 0,
         metadata=draw(metadata),
         attachments=draw(attachments),
         events=draw(st.just(()) | events(len(made))),

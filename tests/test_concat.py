@@ -206,8 +206,8 @@ def clocked(seed: int, name: bytes, **changes: object) -> bytes:
     writer = FileWriter.resume(out, open_catalogue(BytesSource(data), scan=True))
     for type_ in ("cLOk", "cMAp"):
         count, rest = (1, b"\x05") if type_ == "cLOk" else (2, b"\x07\x07")
-        head = bytes([len(name)]) + name + bytes([count, 6]) + struct.pack("<q", 7)
-        writer.chunk(type_, head + rest, 0)
+        head = bytes([1, len(name)]) + name + bytes([count, 6]) + struct.pack("<q", 7)
+        writer.chunk(type_, head + rest)
     writer.close()
     return out.getvalue()
 

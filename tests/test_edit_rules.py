@@ -87,10 +87,10 @@ class TestRefusals:
 
     def test_damage_that_only_the_copying_meets(self) -> None:
         """By its index a file opens whatever is wrong with its clusters."""
-        data = bytearray(made("lossless"))
-        place = packets_of(bytes(data))[3].offset
+        long = replace(plain(0), attachments={"a": ("", bytes(1 << 16))})
+        data = bytearray(write(long, cluster=Fraction(1, 2)))
         refs = catalogue_of(bytes(data)).data
-        data[refs[2].offset + 40 + 0 * place] ^= 1
+        data[refs[2].offset + 40] ^= 1
         whole, _ = subset(bytes(data), None, 0, Fraction(1, 4))
         assert_intact(whole)
         with pytest.raises(
@@ -262,7 +262,7 @@ class TestDescriptions:
         second, edited = subset(data, [1])
         assert described(second) == [forge.trak(tlvs)] and edited.notes == []
         moved, edited = merge([made("lossless"), data], times="same")
-        assert described(moved)[1] == forge.trak(tlvs, track_count=2, first_channel=3)
+        assert described(moved)[1] == forge.trak(tlvs, track_count=2, first_channel=3, first=3)
         for file in (whole, second, moved):
             assert_intact(file)
 

@@ -360,6 +360,7 @@ def test_events_beside_samples():
         if c == 1:
             body.append(Packet(2, 12, 1, build_events([CodedEvent(12, 0, 0, "touch")], 12)))
         writer.cluster(body)
+    writer.index()
     writer.close()
     reader = Reader(out.getvalue())
     assert reader.catalogue.indexed

@@ -225,6 +225,7 @@ function readIndexes(file, noteIt) {
         lastIndex = chunk;
       } else if (chunk.type === 'fOOT') {
         const foot = readFoot(bytes, chunk);
+        if (chunk === last && file.closed) file.durationNs = foot.durationNs;
         const duration = chunk !== last || !file.closed ? null : durationNs(held, allTracks);
         for (const fault of checkFoot(foot, lastIndex, duration)) noteIt(fault, chunk, true);
       }

@@ -6,7 +6,7 @@ export const FOOT_SIZE = 12;
 export const INDEX_STRETCH = 4 * 2 ** 20;
 const ENTRY_LEAST = 5;
 const MS_BOUND = 2 ** 53 - 1;
-const NS_BOUND = 2n ** 63n - 1n;
+export const NS_BOUND = 2n ** 63n - 1n;
 
 export function readIndex(bytes, chunk) {
   const reader = new Reader(bytes, { start: chunk.payloadStart, end: chunk.end, requirement: 'IDX-002' });

@@ -1,5 +1,6 @@
 // The losses (docs/spec/recovery.md): a walk over packets and holes in the order of the sequence numbers.
 import { unsupported } from './error.js';
+import { NS_BOUND } from './indexes.js';
 import { pushSpan } from './spans.js';
 
 const MS_BOUND = 2 ** 53 - 1;
@@ -23,6 +24,8 @@ export function findLosses(file) {
 class Losses {
   constructor(file) {
     this.file = file;
+    // Where a loss without a known end ends: in a closed file.
+    this.durationNs = file.durationNs < NS_BOUND ? file.durationNs : null;
     this.budget = SPAN_BOUND;
     this.work = WORK_BOUND;
     this.found = [...new Set(file.chunks.map((chunk) => chunk.sequence))].sort((a, b) => a - b);
@@ -115,7 +118,7 @@ class Losses {
     for (const state of states) {
       this.spend(1);
       if (state.rank < state.line.rank) continue;
-      this.widen(state, ...ticksOf(times, state.track), damage);
+      this.widen(state, ...ticksOf(times, state.track, this.durationNs), damage);
     }
   }
 
@@ -190,10 +193,11 @@ const hullOf = (entries) => [
 ];
 
 // The ticks of a track that overlap these times.
-function ticksOf(times, track) {
-  if (!times) return [0, null];
+function ticksOf(times, track, durationNs) {
   const scale = 1000n * BigInt(track.rateDen);
   const rate = BigInt(track.rateNum);
+  const last = durationNs === null ? null : Number((durationNs * rate) / (10n ** 6n * scale));
+  if (!times) return [0, last];
   const start = Number((BigInt(times[0]) * rate) / scale);
-  return [start, times[1] >= MS_BOUND ? null : Number((BigInt(times[1]) * rate + scale - 1n) / scale)];
+  return [start, times[1] >= MS_BOUND ? last : Number((BigInt(times[1]) * rate + scale - 1n) / scale)];
 }

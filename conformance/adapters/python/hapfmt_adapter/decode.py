@@ -10,10 +10,9 @@ from typing import Any
 from hapfmt.codecs.events import CodedEvent
 from hapfmt.errors import FormatError, verdict_of
 from hapfmt.format.extras import parse_clock, parse_map
-from hapfmt.format.layout import TRACK
-from hapfmt.format.track import Track, split
+from hapfmt.format.track import Track, first_of, parse_fields, split
 from hapfmt.format.walk import read_chunk
-from hapfmt.format.wire import HEADER_SIZE, id_text
+from hapfmt.format.wire import HEADER_SIZE, KNOWN_TYPES, id_text
 from hapfmt.reading.catalogue import Catalogue, ChannelRef, ChunkRef
 from hapfmt.reading.decoder import Assembly, Band, Decoded
 from hapfmt.reading.reader import Reader
@@ -93,7 +92,7 @@ def head_json(catalogue: Catalogue) -> dict[str, Any] | None:
         "minor": head.minor,
         "level": head.level,
         "file_id": id_text(catalogue.file_id),
-        "uuid": head.uuid.hex() if head.uuid else None,
+        "uuid": catalogue.uuid.hex if catalogue.uuid else None,
         "epoch_ns": str(head.epoch_ns) if dated else None,
         "epoch_uncertainty_ns": str(head.epoch_uncertainty_ns) if dated else None,
     }
@@ -104,8 +103,8 @@ def stored_rate(catalogue: Catalogue, track: Track) -> list[int]:
     chunk = read_chunk(catalogue.source, track.offset - HEADER_SIZE)
     assert chunk is not None
     records = split(chunk.payload, catalogue.level, track.offset)
-    raw = TRACK.read(records[track.id - chunk.header.track])
-    return [raw.rate_num, raw.rate_den]
+    fields, _ = parse_fields(records[track.id - first_of(chunk.payload)], 0, 0)
+    return [fields.rate_num, fields.rate_den]
 
 
 def spans_json(spans: Sequence[Span]) -> list[list[int]]:
@@ -220,7 +219,7 @@ def metadata_of(catalogue: Catalogue) -> dict[str, Any] | None:
     """None where no chunk gives any."""
     lost = {finding.offset for finding in catalogue.findings if finding.code == "bad-chunk"}
     there = any(
-        ref.type == "mETa" and ref.known and ref.offset not in lost and intact(catalogue, ref)
+        ref.type == "mETa" and ref.offset not in lost and intact(catalogue, ref)
         for ref in catalogue.chunks
     )
     return catalogue.metadata if there else None
@@ -244,5 +243,5 @@ def unknown_of(catalogue: Catalogue) -> list[list[Any]]:
     return [
         [ref.type, ref.offset]
         for ref in catalogue.chunks
-        if not ref.known and ref.type[0].islower() and intact(catalogue, ref)
+        if ref.type not in KNOWN_TYPES and ref.type[0].islower() and intact(catalogue, ref)
     ]
