@@ -216,7 +216,7 @@ class TestPackets:
                 encode_indices(np.array(row), Predictor())
 
     def test_a_shift_that_would_wrap(self):
-        """RNG-003: A magnitude u by class or by bits MUST be less than 2^34, and k by bits at most 35."""
+        """RNG-003: The magnitude u of an integer by class or by bits MUST be less than 2^34. Its k by bits is at most 35."""
         far = 2**34 - 1
         for size in (2**34, 2**40, 2**63):
             row = [far, -far] * 100 + [size]

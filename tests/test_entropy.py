@@ -83,7 +83,7 @@ class TestClasses:
 
     @given(st.lists(st.integers(0, 255), min_size=1, max_size=64).filter(any))
     def test_lengths_as_the_page_says(self, weights):
-        """RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, `first` + n at most 64, in knots at most 35. At least one weight is more than 0. No x has more than 32 probabilities of ranks (9.7)."""
+        """RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, and `first` + n at most 64. At least one weight is more than 0. No x has more than 32 probabilities of ranks (9.7)."""
         lengths = Lengths(0, bytes(weights))
         assert list(lengths.ends) == page_coding.length_ends(weights)
         data = lengths.build()
@@ -109,7 +109,7 @@ class TestSections:
     def test_mutated(self, row, marks, data):
         """
         RNG-001: After the last symbol every state MUST be 65536. The first states, the words, and the raw bits, filled to whole bytes with bits 0, MUST take up exactly the coded bytes. What is read beyond the coded bytes is 0; a decoder stops at the latest after the batch, or outside batches after the integer or bit, that takes more than there is.
-        RNG-003: A magnitude u by class or by bits MUST be less than 2^34, and k by bits at most 35.
+        RNG-003: The magnitude u of an integer by class or by bits MUST be less than 2^34. Its k by bits is at most 35.
         """
         whole, p, way, signs, many = coded(row, marks)
         wrong = bytearray(whole)

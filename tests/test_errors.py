@@ -172,8 +172,8 @@ def test_quantised(fault):
 def test_predicted(fault):
     """
     RNG-001: After the last symbol every state MUST be 65536. The first states, the words, and the raw bits, filled to whole bytes with bits 0, MUST take up exactly the coded bytes. What is read beyond the coded bytes is 0; a decoder stops at the latest after the batch, or outside batches after the integer or bit, that takes more than there is.
-    RNG-003: A magnitude u by class or by bits MUST be less than 2^34, and k by bits at most 35.
-    RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, `first` + n at most 64, in knots at most 35. At least one weight is more than 0. No x has more than 32 probabilities of ranks (9.7).
+    RNG-003: The magnitude u of an integer by class or by bits MUST be less than 2^34. Its k by bits is at most 35.
+    RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, and `first` + n at most 64. At least one weight is more than 0. No x has more than 32 probabilities of ranks (9.7).
     LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them.
     LPC-002: `grid` MUST be 0 or 1, and `step` at most what the level allows; it may be 0 on the deadband grid only. `zero` is a signed number of 32 bits. `kn` and `kd` are at least 1 and less than 2^16, and `kd` at most 1024 * `kn`.
     LPC-003: The base and every index i MUST lie on the grid: uniform, |i| * step at most the count bound (clause 12); deadband, |i| at most N.

@@ -146,14 +146,14 @@ class Averages:
 
 
 @dataclass
-class Model:
+class FlagModel:
     """How probable it is that a flag is 1, in 65536ths, learnt from the flags before."""
 
     p: int = 32768
     n: int = 0
 
     @classmethod
-    def of(cls, *, rare: bool) -> Model:
+    def of(cls, *, rare: bool) -> FlagModel:
         """At first; ``rare``: as if it had learnt two zeros."""
         return cls(8192, 2) if rare else cls()
 
@@ -163,12 +163,12 @@ class Model:
         self.n += 1
 
 
-def flag_width(models: Sequence[Model]) -> int:
+def flag_width(models: Sequence[FlagModel]) -> int:
     """How many of the 4096 mean that a flag is 1, by one model or two."""
     return sum(model.p for model in models) // (16 * len(models))
 
 
-def learn_flag(models: Sequence[Model], bit: int) -> None:
+def learn_flag(models: Sequence[FlagModel], bit: int) -> None:
     """The first of two models learns fast, any other slowly."""
     for model, limit in zip(reversed(models), (SLOW, FAST), strict=False):
         model.learn(bit, limit)
@@ -178,22 +178,22 @@ class Models:
     """What a section of integers by bits has learnt."""
 
     def __init__(self) -> None:
-        self.near = [[Model.of(rare=k < i - 2) for k in range(KINDS)] for i in range(NEAR)]
-        self.loud = [[Model.of(rare=k < j - 5) for k in range(KINDS)] for j in range(LOUD)]
-        self.halves = [Model() for _ in range(KINDS)]
-        self.signs = (Model(), Model(), Model())
+        self.near = [[FlagModel.of(rare=k < i - 2) for k in range(KINDS)] for i in range(NEAR)]
+        self.loud = [[FlagModel.of(rare=k < j - 5) for k in range(KINDS)] for j in range(LOUD)]
+        self.halves = [FlagModel() for _ in range(KINDS)]
+        self.signs = (FlagModel(), FlagModel(), FlagModel())
         self.a = self.b = self.s = self.d = 0
 
-    def size(self) -> tuple[list[Model], list[Model]]:
+    def size(self) -> tuple[list[FlagModel], list[FlagModel]]:
         """The models of the next magnitude, for each kind."""
         g = 2 * self.a + self.b
         i = g if g < PLAIN else min(1 + g.bit_length(), NEAR - 1)
         return self.near[i], self.loud[min(self.s.bit_length(), LOUD - 1)]
 
-    def half(self, kind: int) -> tuple[Model]:
+    def half(self, kind: int) -> tuple[FlagModel]:
         return (self.halves[kind],)
 
-    def sign(self) -> tuple[Model]:
+    def sign(self) -> tuple[FlagModel]:
         return (self.signs[self.d],)
 
     def learn(self, number: int) -> None:
@@ -362,7 +362,7 @@ class Decoder:
         self.check()
         return e
 
-    def flag(self, *models: Model) -> int:
+    def flag(self, *models: FlagModel) -> int:
         width = flag_width(models)
         bit = self.symbol((SCALE - width, SCALE))
         learn_flag(models, bit)
@@ -576,7 +576,7 @@ class ByBits:
             models.learn(e)
         return found
 
-    def flag(self, bit: bool, *models: Model) -> None:
+    def flag(self, bit: bool, *models: FlagModel) -> None:
         middle = SCALE - flag_width(models)
         first, end = (middle, SCALE) if bit else (0, middle)
         self.shares.append((first, end))

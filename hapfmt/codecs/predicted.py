@@ -101,8 +101,8 @@ def parse_references(
 ORDER_LIMIT, DIFFERENCE_LIMIT = 32, 4
 REPEATS, CONSTANT, REFERENCES, UNUSED = 8, 16, 64, 160
 FOUR_STATES, SIGNS, BY_BITS, UNUSED_CODING = 16, 32, 64, 192
-"""Bits of the byte before the coded bytes; its lowest four bits are the class. BY_BITS stands
-alone."""
+"""Bits of the byte before the coded bytes; its lowest four bits are the class. With BY_BITS
+no other bit is set."""
 
 REPEAT_CONTEXTS, SIGN_CONTEXTS = 4, 3
 STEP_UP_LIMIT = 1 << 36

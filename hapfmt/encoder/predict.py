@@ -32,6 +32,7 @@ from ..codecs.entropy import ERROR_BITS
 from ..codecs.exact import RECALL, lacking_of, parse_parameters, split_packet
 from ..codecs.grids import LpcParameters
 from ..codecs.predicted import (
+    BY_BITS,
     DIFFERENCE_LIMIT,
     ORDER_LIMIT,
     SHIFT,
@@ -107,9 +108,12 @@ def encode_best(indices: Indices, *, thorough: bool = True, live: bool = False) 
     marks = np.count_nonzero(plain[1:] == plain[:-1]) > REPEAT_SHARE * plain.size
     unsure = plain.size < SHORT or ranked[0][0] < SPARSE * plain.size
     if not live and (thorough or unsure):
-        packets = [(encode_indices(plain, way), way) for _, way in ranked[:FINALISTS]]
+        ways = [way for _, way in ranked[:FINALISTS]]
+        if ranked[0][0] < SPARSE * plain.size:
+            ways += [way for way in steady_predictors(plain) if way not in ways]
+        packets = [(encode_indices(plain, way), way) for way in ways]
         best, predictor = min(packets, key=lambda pair: len(pair[0]))
-        if marks:
+        if marks and not has_models(best, predictor):
             other = replace(predictor, repeats=True)
             best = min(best, encode_indices(plain, other), key=len)
         return best
@@ -119,6 +123,16 @@ def encode_best(indices: Indices, *, thorough: bool = True, live: bool = False) 
         if estimate(plain, other, extent, counted=True) < bits:
             predictor = other
     return encode_indices(plain, predictor)
+
+
+def steady_predictors(indices: Indices) -> list[Predictor]:
+    """For quiet channels: what learns can tell more of differences than a predictor leaves."""
+    return [Predictor(order, (), int(indices[0])) for order in (1, 2)]
+
+
+def has_models(packet: bytes, predictor: Predictor) -> bool:
+    """Whether its prediction errors are coded by bits, which expect repeats anyway."""
+    return packet[len(predictor.build())] == BY_BITS
 
 
 def quick_estimate(indices: Indices) -> float:
@@ -389,6 +403,11 @@ def encode_quick(indices: Indices) -> bytes:
         return encode_indices(plain, Predictor())
     predictor = quick_predictor(plain)
     try:
+        if predictor.repeats:
+            other = replace(predictor, repeats=False)
+            packet = encode_predicted(plain, other)
+            if has_models(packet, other):
+                return packet
         return encode_predicted(plain, predictor)
     except ValueError:
         # An error is too large in a part that the estimate skipped.
