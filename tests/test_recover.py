@@ -214,7 +214,7 @@ class TestLostDescriptions:
 
 def test_digests():
     """
-    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept.
+    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept. It reports all losses, and mentions them in the member `notes` of the metadata.
     """
     x = np.arange(100)
     channels = (hapfmt.Channel(x, 1000, label="a"), hapfmt.Channel(x * x, 1000, label="b"))
@@ -241,7 +241,7 @@ def test_a_digest_that_differs_is_told():
 
 class TestOtherChunks:
     """
-    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept.
+    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept. It reports all losses, and mentions them in the member `notes` of the metadata.
     """
 
     def kept(self, data: bytes) -> list[str]:
@@ -313,7 +313,7 @@ def test_unknown_versions_are_refused(changes, tmp_path):
 
 def test_what_was_lost_is_noted():
     """
-    REC-011: A recoverer MUST report all losses, and mention them in the member `notes` of the metadata.
+    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept. It reports all losses, and mentions them in the member `notes` of the metadata.
     """
     data = f.minimal()
     good, done = recovered(flipped(data, payload_of(data, "DATA") + 9))

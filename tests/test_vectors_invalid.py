@@ -194,7 +194,7 @@ def test_what_is_unknown_comes_before_a_broken_rule():
 )
 def test_what_recover_leaves_out_is_reported(chunk):
     """
-    REC-011: A recoverer MUST report all losses, and mention them in the member `notes` of the metadata.
+    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept. It reports all losses, and mentions them in the member `notes` of the metadata.
     """
     layer = ("TRAK", f.layer(first=1))
     out = io.BytesIO()

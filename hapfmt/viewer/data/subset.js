@@ -182,7 +182,7 @@ function bytesOf(packet, track, { renumber, numbers }) {
   return list.length ? Uint8Array.from(list) : null;
 }
 
-// EDT-007.
+// EDT-005.
 function copyDigests(file, { places }, writer, partial) {
   const reached = new Map();
   for (const { track, chunkOffset } of file.packets) reached.set(track, Math.max(reached.get(track) ?? 0, chunkOffset));
