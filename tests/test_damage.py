@@ -88,7 +88,7 @@ def test_every_deletion():
 def test_every_prefix():
     """
     FIL-003: A closed file MUST end with a `fOOT` chunk.
-    VRD-001: A program that reads hapf files MUST end with the code of this clause.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause. Programs that inspect, verify or recover files work on files with unknown critical parts as far as these are understood.
     """
     for size in range(len(TWO)):
         check(TWO[:size], CLEAN)
@@ -140,7 +140,7 @@ def test_residuals(residual_file, band):
 
 def test_a_lost_description_of_the_residual(residual_file):
     """
-    DEC-003: The full band of a channel with an HF track MUST be delivered only for ticks that both tracks cover; the others are gaps. For an LF track whose HF track is not known it is empty.
+    DEC-003: The full band of a channel with an HF track MUST be delivered only for ticks that both tracks cover; the others are gaps. For an LF track whose HF track is not known it is empty. Gaps are not filled with values. Where an output cannot leave them out, it marks them by NaN or a mask.
     """
     clean = samples(residual_file)
     for bad in flips(residual_file, HF_TRACK):

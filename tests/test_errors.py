@@ -117,9 +117,9 @@ def test_clusters(fault):
 @each("IDX", "FOT")
 def test_index_and_footer(fault):
     """
-    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
+    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it. For a `DATA` chunk `start_ms` is at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
     IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
-    IDX-006: For a `DATA` chunk `start_ms` MUST be at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
+    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it. For a `DATA` chunk `start_ms` is at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
     FOT-001: The payload MUST be as long as the layout.
     FOT-002: `index_distance` MUST be as the table says. In a `fOOT` that closes the file `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """
@@ -188,8 +188,7 @@ def test_predicted(fault):
 @each("KTE")
 def test_coded_knots(fault):
     """
-    KTE-002: Where it is present, f MUST be at least 1 and less than `span`.
-    KTE-004: Every tick MUST be less than `span` minus the number of knots that follow it.
+    KTE-004: Every tick MUST be less than `span` minus the number of knots that follow it. Where it is present, f is at least 1 and less than `span`.
     """
     assert_reported(fault)
 
@@ -199,8 +198,7 @@ def test_exact(fault):
     """
     EXA-001: A track of codec `LPCX` MUST be of kind full band, without contract and without deviation.
     EXA-002: `rule` MUST be at most 4. `digits` is 1 to 15 with rule 2, else 0, `terms` 1 to 16 with rule 4, else 0. Coefficients and weights are finite and of a magnitude below 2^900. `a` is a component that is decoded before, or the component itself with a `lag` of at least 1.
-    EXA-003: The counts MUST end within the packet and lie within the declared range of their track: lossless counts are never clamped. The parts fit the packet: their sizes are together at most what follows them.
-    EXA-004: Undefined flags MUST be 0, and z at most 63.
+    EXA-003: The counts MUST end within the packet and lie within the declared range of their track: lossless counts are never clamped. The parts fit the packet: their sizes are together at most what follows them. Undefined flags are 0, and z at most 63.
     """
     assert_reported(fault)
 
@@ -210,7 +208,7 @@ def test_noise(fault):
     """
     NOI-001: A track of codec `NOIS` MUST be of kind full band or HF, and have no contract.
     NOI-003: `shift` MUST be 3 to 12, and a frame, `intervals` times 2^shift, have at least 64 ticks.
-    NOI-004: The component packets MUST fit the packet: their sizes are together at most what follows them.
+    LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them.
     NOI-005: m MUST be at most 32, and a component packet contain all that is before its coded bytes.
     NOI-006: Every gain index MUST be 0 to 112, and every coefficient -127 to 127.
     """

@@ -106,7 +106,7 @@ def recovered(data: bytes) -> tuple[int, str]:
 @pytest.mark.parametrize("case", sample(COMMITTED))
 def test_committed(case):
     """
-    VRD-001: A program that reads hapf files MUST end with the code of this clause.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause. Programs that inspect, verify or recover files work on files with unknown critical parts as far as these are understood.
     LIM-001: A file MUST keep the limits of its level, unknown chunks too.
     """
     place = f"{case['set']}/{case['name']}"

@@ -41,7 +41,7 @@ def decode_knots(data: bytes, linear: bool, span: int, width: int, last: int):
         return [(0, first)]
     f, at = varint(data, at)
     if not 1 <= f < span:
-        raise BrokenRule("KTE-002")
+        raise BrokenRule("KTE-004")
     gaps, at = row_of(data, at, 128 + 32)
     differences, at = row_of(data, at, 128 + 16)
     signs, at = some_bytes(data, at, 3 * (differences[0] // 32 % 2))

@@ -125,7 +125,7 @@ MUTANTS = (
     encoder(
         "index-times-short",
         "The index rounds the end of a cluster down.",
-        "IDX-006",
+        "IDX-002",
         Edit(f"{WRITER}.data", "ceil_ms(stop)", "floor_ms(stop)"),
     ),
     encoder(

@@ -97,7 +97,7 @@ def copied_payloads(source: ByteSource, entries: Sequence[IndexEntry]) -> set[in
 MS = 10**6
 """Nanoseconds."""
 LAST_MS, FAR_NS = (1 << 53) - 1, 1 << 128
-"""A time of an index that may be any later one (IDX-006), and a time after every packet."""
+"""A time of an index that may be any later one (IDX-002), and a time after every packet."""
 LATER = frozenset({"DATA", "aTTc", "dGST", "cLOk", "cMAp", "iNDX", "fOOT"})
 """Chunks that are read on request only, or that the last index makes superfluous."""
 BACK = INDEX_EVERY + 2 * LEVELS[2].payload_size

@@ -46,7 +46,7 @@ export function decodeCodedKnots(track, bytes, span, out, offset, onKnot) {
   if (reader.left > 0) {
     const { offset: at } = reader;
     const f = reader.varint();
-    if (f < 1 || f >= span) broken('KTE-002', `${f} more knots in ${span} ticks`, at);
+    if (f < 1 || f >= span) broken('KTE-004', `${f} more knots in ${span} ticks`, at);
     const first = readRow(reader, 0x5f);
     const second = readRow(reader, 0x6f);
     const p = second.coding & 32 ? readProbabilities(reader, 3) : null;
