@@ -956,7 +956,7 @@ class TestBag:
             (file,) = [
                 e for e in crate.data_entities if e.get("name") == f"sub {seed % 2}/{name}.hapf"
             ]
-            assert file["sha256"] and file["encodingFormat"] == "application/vnd.hapf"
+            assert file["sha256"] and file["encodingFormat"] == "haptics/vnd.hapf"
             x, y = file["variableMeasured"]
             assert (x["name"], x["unitText"], y["name"], y["unitText"]) == ("fx", "N", "fy", "mm")
         everything = np.concatenate([signal_of(seed, 600)[0] for seed in range(len(BAGGED))])

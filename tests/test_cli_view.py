@@ -39,7 +39,7 @@ def inside(page: bytes) -> dict[str, bytes]:
     assert listed is not None
     found = {}
     for file in json.loads(listed[1]):
-        tag = f'<script type="application/octet-stream;base64" id="{file["inline"]}">'
+        tag = f'<script type="haptics/vnd.hapf;base64" id="{file["inline"]}">'
         start = text.index(tag) + len(tag)
         found[file["name"]] = base64.b64decode(
             text[start : text.index("</script>", start)], validate=True

@@ -74,7 +74,7 @@ def test_head(fault):
 @each("TLV")
 def test_tlv(fault):
     """
-    TLV-001: TLVs MUST be in strictly increasing order of their type, at most 65535, each within its chunk, with no bytes after the last one.
+    TLV-001: TLVs MUST be in strictly increasing order of their types, which are at most 65535. Each lies within its chunk, and no bytes are left over after the last one.
     TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. A contract fills its value too. The first entry of a string list is not the byte 255.
     TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
     """

@@ -26,8 +26,7 @@ def check():
 
 
 TYPES = {
-    "chunk header": "chunk_header", "HEAD": "head", "TLV": "tlv", "deviation": "deviation",
-    "track": "track", "iNDX": "indx", "fOOT": "foot", "QUAN parameters": "quan_parameters",
+    "chunk header": "chunk_header", "HEAD": "head", "deviation": "deviation", "iNDX": "indx", "fOOT": "foot", "QUAN parameters": "quan_parameters",
     "RAWB parameters": "rawb_parameters", "LPCX parameters": "lpcx_parameters",
     "LPCX term": "lpcx_term", "NOIS parameters": "nois_parameters",
 }  # fmt: skip

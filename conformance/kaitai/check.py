@@ -105,7 +105,7 @@ def check(module: ModuleType, data: bytes) -> list[str]:
     for each in wanted["chunks"]:
         if each["header"]["type"] == "TRAK":
             tracks = each["payload"].get("tracks", {"tracks": []})["tracks"]
-            for id_, track in enumerate(tracks, each["header"]["track"]):
+            for id_, track in enumerate(tracks, each["payload"]["first_track"]):
                 kinds[id_] = track["kind"]
     for each in wanted["chunks"]:
         if each["header"]["type"] == "DATA":

@@ -80,7 +80,7 @@ types:
     seq:
       - id: header
         type: chunk_header
-        doc: 36 bytes, the same for ever.
+        doc: 32 bytes, the same for ever.
       - id: payload
         size: header.payload_size
         type:
@@ -116,18 +116,12 @@ types:
       - id: payload_size
         type: u4
         doc: Size of the payload in bytes.
-      - id: track
-        type: u2
-        doc: Track id that the chunk refers to, or 0xFFFF.
-      - id: flags
-        type: u2
-        doc: Bits 0 to 7 critical, 8 to 15 ancillary; 0 in version 1.0.
       - id: payload_crc
         type: u4
         doc: File CRC of the payload (clause 2).
       - id: header_crc
         type: u4
-        doc: CRC-32 of the 32 bytes before it.
+        doc: CRC-32 of the 28 bytes before it.
   head:
     doc: Version, level, and what the file says of itself as a whole.
     doc-ref: SPEC.md 6.1
@@ -141,45 +135,43 @@ types:
       - id: level
         type: u1
         doc: Level, 1 or 2 (clause 12).
-      - id: reserved
-        type: u1
-        doc: "0."
-      - id: incompat
-        type: u4
-        doc: Incompatible feature bits, none defined in 1.0.
-      - id: compat
-        type: u4
-        doc: Compatible feature bits, none defined in 1.0.
-      - id: uuid
-        size: 16
-        doc: UUID of the recording in network order; all 0 means none.
+      - id: tlvs
+        type: head_tlv
+        repeat: eos
+        doc: In strictly increasing order of their types.
+  head_tlv:
+    doc: A value with its type; odd types are critical.
+    doc-ref: SPEC.md 6.1, 6.2
+    seq:
+      - id: type
+        type: varint
+        doc: What the value is; without type 2 the UUID follows from the file id.
+      - id: size
+        type: varint
+        doc: Size of the value in bytes.
+      - id: value
+        size: size.value
+        type:
+          switch-on: type.value
+          cases:
+            4: epoch
+            6: text
+        doc: UUID of the recording in network order (2), or what the type says.
+  epoch:
+    seq:
       - id: epoch_ns
         type: s8
         doc: UTC of tick 0, nanoseconds since 1970-01-01T00:00:00Z.
-      - id: epoch_uncertainty_ns
+      - id: uncertainty_ns
         type: u8
-        doc: Its uncertainty; all 1 means that the epoch is not known.
-      - id: tlvs
-        type: tlv
-        repeat: eos
-        doc: None is defined in 1.0.
-  tlv:
-    doc: A value with its type; odd types are critical.
-    doc-ref: SPEC.md 6.2
-    seq:
-      - id: type
-        type: u2
-        doc: What the value is.
-      - id: size
-        type: u2
-        doc: Size of the value in bytes.
-      - id: value
-        size: size
-        doc: The value.
+        doc: Its uncertainty.
   trak:
-    doc: Tracks; their ids follow on from the track id of the header.
+    doc: Tracks; their ids follow on from the first.
     doc-ref: SPEC.md 6.3
     seq:
+      - id: first_track
+        type: varint
+        doc: Id of the first track.
       - id: plain_size
         type: varint
         doc: 0 for tracks that are not compressed, else the size of the inflated tracks.
@@ -202,43 +194,43 @@ types:
     doc: The description of a track.
     doc-ref: SPEC.md 6.3
     seq:
-      - id: tlv_count
-        type: u1
-        doc: TLVs that follow.
-      - id: component_count
-        type: u1
-        doc: Components.
       - id: kind
-        type: u1
+        type: b4le
         enum: kind
-        doc: The band of the track.
+        doc: The band of the track, in the lowest four bits.
       - id: number_format
-        type: u1
+        type: b4le
         enum: number_format
-        doc: Counts, or words of a format.
+        doc: Counts, or words of a format, in the highest four bits.
       - id: codec
         type: str
         size: 4
         encoding: ASCII
         doc: Codec.
+      - id: component_count
+        type: u1
+        doc: Components.
       - id: rate_num
-        type: u4
+        type: varint
         doc: Numerator of the rate in ticks per second.
       - id: rate_den
-        type: u4
+        type: varint
         doc: Denominator of the rate.
       - id: count_min
-        type: s4
+        type: svarint
         doc: Declared range of a decoded count, lowest.
       - id: count_max
-        type: s4
+        type: svarint
         doc: Declared range of a decoded count, highest.
       - id: first_channel
-        type: u2
+        type: varint
         doc: Channel number of the first component; the others follow.
       - id: linked
-        type: u2
-        doc: For HF the id of its base track; else of the track that it continues, or 0xFFFF.
+        type: varint
+        doc: For HF 1 + id of its base track; else 1 + id of the track that it continues, or 0.
+      - id: tlv_count
+        type: u1
+        doc: TLVs that follow.
       - id: tlvs
         type: track_tlv
         repeat: expr
@@ -260,15 +252,15 @@ types:
   track_tlv:
     seq:
       - id: type
-        type: u2
+        type: varint
         doc: What the value is (table of 6.2).
       - id: size
-        type: u2
+        type: varint
         doc: Size of the value in bytes.
       - id: value
-        size: size
+        size: size.value
         type:
-          switch-on: type
+          switch-on: type.value
           cases:
             1: parameters(_parent.codec)
             2: string_list
@@ -658,20 +650,11 @@ types:
     doc: Where the index is; the file was closed.
     doc-ref: SPEC.md 11.2
     seq:
-      - id: index_offset
-        type: u8
-        doc: Offset of the last iNDX chunk.
-      - id: stop_offset
-        type: u8
-        doc: Offset of the first byte after this chunk.
-      - id: data_count
+      - id: index_distance
         type: u4
-        doc: Number of DATA chunks in the file.
-      - id: track_count
-        type: u4
-        doc: Number of tracks described in the file.
+        doc: Offset of this chunk minus that of the last iNDX chunk before it; 0 means none.
       - id: duration_ns
-        type: s8
+        type: u8
         doc: End of the latest packet, rounded up.
   meta:
     doc-ref: SPEC.md 11.3
@@ -702,9 +685,12 @@ types:
         size-eos: true
         doc: The attached file.
   dgst:
-    doc: Digests of the track of the header's track id and of those that follow it.
-    doc-ref: SPEC.md 11.5
+    doc: Digests of a track and of those that follow it.
+    doc-ref: SPEC.md 6.9
     seq:
+      - id: track
+        type: varint
+        doc: Id of the first track.
       - id: digests
         size: 32
         repeat: eos
@@ -713,6 +699,9 @@ types:
     doc: Observations of another clock.
     doc-ref: SPEC.md 11.6
     seq:
+      - id: track
+        type: varint
+        doc: 1 + id of the track whose ticks these are; 0 means none.
       - id: name_size
         type: u1
         doc: Bytes of the name.
@@ -752,6 +741,9 @@ types:
     doc: A map from ticks to the time of another clock.
     doc-ref: SPEC.md 11.6
     seq:
+      - id: track
+        type: varint
+        doc: 1 + id of the track whose ticks these are; 0 means none.
       - id: name_size
         type: u1
         doc: Bytes of the name.

@@ -107,16 +107,22 @@ def strings(c: Cursor, *_: Any) -> Plain:
     return {"entries": c.until_end(string)}
 
 
-def head(c: Cursor) -> Plain:
-    def tlv(c: Cursor) -> Plain:
-        fields = c.fixed("TLV")
-        return fields | {"value": c.take(fields["size"])}
+def tlv(c: Cursor, values: dict[int, Any], track: Plain | None = None) -> Plain:
+    out: Plain = {"type": c.varint(), "size": c.varint()}
+    value, read = c.take(out["size"]), values.get(out["type"])
+    return out | {"value": whole(value, lambda c: read(c, track)) if read else value}
 
-    return c.fixed("HEAD") | {"tlvs": c.until_end(tlv)}
+
+def epoch(c: Cursor, _: Any) -> Plain:
+    return {"epoch_ns": c.i64(), "uncertainty_ns": int.from_bytes(c.take(8), "little")}
+
+
+def head(c: Cursor) -> Plain:
+    return c.fixed("HEAD") | {"tlvs": c.until_end(lambda c: tlv(c, {4: epoch, 6: text}))}
 
 
 def trak(c: Cursor) -> Plain:
-    out: Plain = {"plain_size": c.varint()}
+    out: Plain = {"first_track": c.varint(), "plain_size": c.varint()}
     rest = c.take(c.left)
     if out["plain_size"]:
         return out | {"stream": rest}
@@ -124,15 +130,12 @@ def trak(c: Cursor) -> Plain:
 
 
 def track(c: Cursor) -> Plain:
-    fixed = c.fixed("track")
-    fixed["codec"] = fixed["codec"].decode()
-
-    def tlv(c: Cursor) -> Plain:
-        fields = c.fixed("TLV")
-        value, read = c.take(fields["size"]), VALUES.get(fields["type"])
-        return fields | {"value": whole(value, lambda c: read(c, fixed)) if read else value}
-
-    return fixed | {"tlvs": c.times(fixed["tlv_count"], tlv)}
+    number_format, kind = divmod(c.u8(), 16)
+    out: Plain = {"kind": kind, "number_format": number_format, "codec": c.text(4)}
+    out |= {"component_count": c.u8(), "rate_num": c.varint(), "rate_den": c.varint()}
+    out |= {"count_min": c.svarint(), "count_max": c.svarint()}
+    out |= {"first_channel": c.varint(), "linked": c.varint(), "tlv_count": c.u8()}
+    return out | {"tlvs": c.times(out["tlv_count"], lambda c: tlv(c, VALUES, out))}
 
 
 def parameters(c: Cursor, track: Plain) -> Plain:
@@ -245,7 +248,7 @@ def attachment(c: Cursor) -> Plain:
 
 
 def clock(c: Cursor) -> Plain:
-    out = named(c)
+    out = {"track": c.varint()} | named(c)
     out["observation_count"] = count = c.varint()
     rows = []
     for i in range(count):
@@ -256,7 +259,7 @@ def clock(c: Cursor) -> Plain:
 
 
 def clock_map(c: Cursor) -> Plain:
-    out = named(c)
+    out = {"track": c.varint()} | named(c)
     out["point_count"] = count = c.varint()
     first = [{"first_tick": c.svarint(), "first_time_ns": c.i64()}]
     rest = c.times(count - 1, lambda c: {"tick": c.varint(), "later_ns": c.varint()})
@@ -267,7 +270,7 @@ PAYLOADS = {
     "HEAD": head, "TRAK": trak, "DATA": data, "iNDX": index, "aTTc": attachment, "cLOk": clock,
     "cMAp": clock_map, "fOOT": lambda c: c.fixed("fOOT"),
     "mETa": lambda c: {"json": c.text(c.left)},
-    "dGST": lambda c: {"digests": c.until_end(lambda c: c.take(32))},
+    "dGST": lambda c: {"track": c.varint(), "digests": c.until_end(lambda c: c.take(32))},
 }  # fmt: skip
 VALUES = {
     1: parameters, 3: calibrations, 16: contract, 18: deviations, 22: text,

@@ -20,6 +20,7 @@ from typing import Any
 
 from ..errors import MissingExtraError, ParameterError
 from ..files import sync_directory
+from ..format.extras import MEDIA_TYPE
 from ..format.source import is_url
 from ..limits import Limits
 from ..version import __version__
@@ -376,7 +377,7 @@ def crate_of(
         first = own[0]
         facts: dict[str, Any] = {
             "name": name,
-            "encodingFormat": "application/vnd.hapf",
+            "encodingFormat": MEDIA_TYPE,
             "contentSize": str(first["file_size"]),
             "sha256": first["checksum"],
             "dateCreated": iso(min((r["recorded"] for r in own if r.get("recorded")), default="")),

@@ -20,7 +20,7 @@ from ..codecs.events import coded, event_packets, layer_track, rate_of
 from ..errors import ParameterError, unknown
 from ..files import atomic_write, refuse
 from ..format.cluster import Packet
-from ..format.extras import Attachment, build_attachment, build_metadata
+from ..format.extras import MEDIA_TYPE, Attachment, build_attachment, build_metadata
 from ..format.track import Track
 from ..limits import LAST_TRACK_ID
 from ..numbers import counted
@@ -175,7 +175,7 @@ def attachment_of(
     Without ``media_type`` the name gives the media type.
     """
     known = Path(path).name if name is None else name
-    guessed = mimetypes.guess_type(known)[0] or ""
+    guessed = MEDIA_TYPE if known.endswith(".hapf") else mimetypes.guess_type(known)[0] or ""
     return Attachment(known, guessed if media_type is None else media_type, Path(path).read_bytes())
 
 

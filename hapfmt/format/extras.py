@@ -92,7 +92,9 @@ def check_texts(value: Any) -> None:
             waiting.extend(item)
 
 
-OVERVIEW = ("overview", "application/vnd.hapf.overview")
+MEDIA_TYPE = "haptics/vnd.hapf"
+"""The media type of a file (docs/spec/media-type.md)."""
+OVERVIEW = ("overview", f"{MEDIA_TYPE}.overview")
 """Name and media type of the overview (SPEC OVW-001)."""
 
 

@@ -9,6 +9,7 @@ from typing import BinaryIO
 
 from ..errors import LimitError
 from ..files import target
+from ..format.extras import MEDIA_TYPE
 from ..numbers import counted
 from .bundle import page
 from .server import ServedFile
@@ -39,9 +40,7 @@ def export(
     with target(place, force) as out:
         size = out.write(found.before.encode("utf-8"))
         for i, (file, length) in enumerate(zip(files, sizes, strict=True)):
-            size += out.write(
-                f'<script type="application/octet-stream;base64" id="data-{i}">'.encode("ascii")
-            )
+            size += out.write(f'<script type="{MEDIA_TYPE};base64" id="data-{i}">'.encode("ascii"))
             with file.opened() as source:
                 for start in range(0, length, PART):
                     data = source.read_at(start, min(PART, length - start))

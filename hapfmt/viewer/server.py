@@ -23,6 +23,7 @@ from typing import Any, BinaryIO
 
 from ..errors import HapfmtError, ParameterError
 from ..files import Closing
+from ..format.extras import MEDIA_TYPE
 from ..format.source import ByteSource, FileSource, is_url, open_source, source_of
 from .bundle import Page, page
 
@@ -34,7 +35,6 @@ PART = 1 << 20
 """Bytes that are read at once."""
 TAGGED = 64
 """Bytes at the start of a file that tell it from another: its signature, its file id, its head."""
-BYTES = "application/octet-stream"
 READ = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
 NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 IDLE = 60
@@ -208,7 +208,7 @@ class ViewHandler(BaseHTTPRequestHandler):
                 status = HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE
                 more["Content-Range"] = f"bytes */{size}"
                 stop = start
-            self.send_head(status, stop - start, BYTES, "default-src 'none'", more)
+            self.send_head(status, stop - start, MEDIA_TYPE, "default-src 'none'", more)
             while content and data:
                 self.wfile.write(data)
                 start += len(data)

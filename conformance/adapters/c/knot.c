@@ -13,7 +13,7 @@
 #include <string.h>
 
 enum { ERROR = 1, NONCONFORMING = 2, DAMAGED = 3, UNSUPPORTED = 4 }; /* clause 13 */
-enum { HEADER = 36 }; /* bytes of a chunk header */
+enum { HEADER = 32 }; /* bytes of a chunk header */
 enum { TRACKS = 65534, COMPONENTS = 255, PAYLOAD = 1 << 20 };
 enum { CLUSTER = 1 << 22, SPAN = 1 << 24, PACKETS = 1 << 14 };
 enum { BOUND = 1 << 24 }; /* of counts, and of steps (15) */
@@ -101,27 +101,39 @@ static int64_t rdiv(int64_t n, int64_t d) {
 
 /* -- descriptions (6.1 to 6.3) -- */
 
+typedef struct { int type; Bytes value; } Tlv;
+
+static Tlv tlv(Bytes *in, int last) { /* the next one, of a type above `last` */
+    int64_t type = varint(in), size = varint(in);
+    if (type <= last || type > 65535) stop(NONCONFORMING, "the type of a TLV [TLV-001]");
+    const uint8_t *at = take(in, (size_t)size);
+    return (Tlv){(int)type, {at, at + size}};
+}
+
 static void head(Bytes in, FILE *json, uint64_t file_id) {
-    const uint8_t *at = take(&in, 44);
-    int dated = number(at + 36, 8) != UINT64_MAX, named = 0;
-    if (at[0] != 1 || number(at + 4, 4)) stop(UNSUPPORTED, "another version [VER-001]");
+    const uint8_t *at = take(&in, 3), *uuid = NULL, *epoch = NULL;
+    if (at[0] != 1) stop(UNSUPPORTED, "another version [VER-001]");
     if (at[2] != 1) stop(UNSUPPORTED, "level %d [HED-004]", at[2]);
-    while (in.at < in.end) {
-        const uint8_t *tlv = take(&in, 4);
-        if (tlv[0] & 1) stop(UNSUPPORTED, "a critical TLV in HEAD [TLV-003]");
-        take(&in, (size_t)number(tlv + 2, 2));
+    for (int last = -1; in.at < in.end;) {
+        Tlv one = tlv(&in, last);
+        last = one.type;
+        if (last & 1) stop(UNSUPPORTED, "a critical TLV in HEAD [TLV-003]");
+        if ((last == 2 || last == 4) && one.value.end - one.value.at != 16)
+            stop(NONCONFORMING, "the size of a TLV in HEAD [HED-002]");
+        if (last == 2) uuid = one.value.at;
+        if (last == 4) epoch = one.value.at;
     }
     fprintf(json, "{\"head\": {\"major\": 1, \"minor\": %d, \"level\": 1, "
-            "\"file_id\": \"0x%016" PRIx64 "\"", at[1], file_id);
-    for (int i = 0; i < 16; i++) named |= at[12 + i];
-    fputs(named ? ", \"uuid\": \"" : ", \"uuid\": null", json);
-    for (int i = 0; i < 16 && named; i++) fprintf(json, "%02x", at[12 + i]);
-    if (named) fputc('"', json);
-    if (dated)
-        fprintf(json, ", \"epoch_ns\": \"%" PRId64 "\", \"epoch_uncertainty_ns\": \"%" PRIu64 "\"}",
-                (int64_t)number(at + 28, 8), number(at + 36, 8));
+            "\"file_id\": \"0x%016" PRIx64 "\", \"uuid\": \"", at[1], file_id);
+    for (int i = 0; i < 16 && uuid; i++) fprintf(json, "%02x", uuid[i]);
+    if (!uuid)
+        fprintf(json, "%012" PRIx64 "8%03x8%x00000000000000", file_id >> 16,
+                (unsigned)(file_id >> 4 & 0xFFF), (unsigned)(file_id & 15));
+    if (epoch)
+        fprintf(json, "\", \"epoch_ns\": \"%" PRId64 "\", \"epoch_uncertainty_ns\": \"%" PRIu64
+                "\"}", (int64_t)number(epoch, 8), number(epoch + 8, 8));
     else
-        fputs(", \"epoch_ns\": null, \"epoch_uncertainty_ns\": null}", json);
+        fputs("\", \"epoch_ns\": null, \"epoch_uncertainty_ns\": null}", json);
 }
 
 static void deadband_levels(Track *track, int64_t kn, int64_t kd) { /* 9.5 */
@@ -273,33 +285,35 @@ static void inflate(Bits in, uint8_t *out, size_t size) { /* to exactly `size` b
 /* -- tracks (6.3) -- */
 
 static void describe_one(Bytes *in, Track *track) {
-    const uint8_t *at = take(in, 28);
+    const uint8_t *at = take(in, 6);
     int critical = 0, has_setup = 0;
     track->described = 1;
-    track->components = at[1];
-    track->kind = at[2];
-    track->format = at[3];
-    track->rate[0] = (uint32_t)number(at + 8, 4);
-    track->rate[1] = (uint32_t)number(at + 12, 4);
-    track->low = (int32_t)(uint32_t)number(at + 16, 4);
-    track->high = (int32_t)(uint32_t)number(at + 20, 4);
-    memcpy(track->codec, at + 4, 4);
-    for (int left = at[0]; left > 0; left--) {
-        const uint8_t *tlv = take(in, 4);
-        unsigned type = (unsigned)number(tlv, 2);
-        size_t size = (size_t)number(tlv + 2, 2);
-        Bytes value = {take(in, size), NULL};
-        value.end = value.at + size;
-        if (type == 1) set_up(track, at + 4, value);
-        has_setup |= type == 1;
-        critical |= type & 1 && type > 3;
+    track->kind = at[0] & 15;
+    track->format = at[0] >> 4;
+    memcpy(track->codec, at + 1, 4);
+    track->components = at[5];
+    for (int i = 0; i < 2; i++) {
+        int64_t part = varint(in);
+        if (part < 1 || part > UINT32_MAX) stop(NONCONFORMING, "a rate [TRK-002]");
+        track->rate[i] = (uint32_t)part;
+    }
+    track->low = svarint(in);
+    track->high = svarint(in);
+    varint(in); /* first_channel */
+    varint(in); /* linked */
+    for (int left = *take(in, 1), last = -1; left > 0; left--) {
+        Tlv one = tlv(in, last);
+        last = one.type;
+        if (last == 1) set_up(track, at + 1, one.value);
+        has_setup |= last == 1;
+        critical |= last & 1 && last > 3;
     }
     if (critical || track->kind > 2 || track->format || !has_setup) track->known = 0;
     if (!track->known) outcome = UNSUPPORTED; /* TRK-011, TLV-003 */
 }
 
-static void describe(Bytes in, unsigned id) {
-    int64_t size = varint(&in);
+static void describe(Bytes in) {
+    int64_t id = varint(&in), size = varint(&in);
     uint8_t *plain = NULL;
     if (id < TRACKS && tracks[id].described) return; /* a copy (TRK-003) */
     if (size >= PAYLOAD) stop(NONCONFORMING, "tracks that are too long [TRK-020]");
@@ -631,20 +645,19 @@ static void walk(Bytes in, FILE *json) {
         const uint8_t *h = in.at;
         size_t size = (size_t)number(h + 20, 4);
         uint32_t seed = crc32(0, h + 8, 8); /* a file CRC goes on from here */
-        if (memcmp(h, sync, 4) || crc32(0, h, 32) != number(h + 32, 4)) break;
+        if (memcmp(h, sync, 4) || crc32(0, h, 28) != number(h + 28, 4)) break;
         if ((size_t)(in.end - h - HEADER) < size) break;
-        if (crc32(seed, h + HEADER, size) != number(h + 28, 4)) break;
+        if (crc32(seed, h + HEADER, size) != number(h + 24, 4)) break;
         if (number(h + 16, 4) != sequence || (sequence && number(h + 8, 8) != file_id)) break;
         file_id = number(h + 8, 8);
         in.at += HEADER + size;
         closed = !memcmp(h + 4, "fOOT", 4);
         Bytes payload = {h + HEADER, h + HEADER + size};
-        int known = known_type(h + 4) && !h[26];
-        if (!known && !(h[4] & 32)) stop(UNSUPPORTED, "unknown critical chunk [CHK-009]");
+        if (!known_type(h + 4) && !(h[4] & 32)) stop(UNSUPPORTED, "unknown critical chunk [CHK-009]");
         if (!sequence && memcmp(h + 4, "HEAD", 4)) stop(NONCONFORMING, "no HEAD [HED-001]");
         if (!sequence) head(payload, json, file_id);
-        if (known && !memcmp(h + 4, "TRAK", 4)) describe(payload, (unsigned)number(h + 24, 2));
-        if (known && !memcmp(h + 4, "DATA", 4)) cluster(payload, crc_of_number(seed, sequence));
+        if (!memcmp(h + 4, "TRAK", 4)) describe(payload);
+        if (!memcmp(h + 4, "DATA", 4)) cluster(payload, crc_of_number(seed, sequence));
     }
     if (!sequence) stop(NONCONFORMING, "no chunk");
     if (in.at < in.end || !closed) outcome = DAMAGED;

@@ -143,7 +143,7 @@ class Save {
         saved.push(`${name} was not saved: the selection has no packet of these channels.`);
         continue;
       }
-      download(new Blob([part.bytes], { type: 'application/octet-stream' }), name);
+      download(new Blob([part.bytes], { type: 'haptics/vnd.hapf' }), name);
       const along = part.channels.length - channels.length;
       const text = along > 0 ? ` ${plural(along, 'channel')} came along, coded in one track with others.` : '';
       saved.push(`Saved ${name}, ${plural(part.packets, 'packet')}, ${formatBytes(part.bytes.length)}: ${edge(part.start)} to ${edge(part.stop)} s.${text}${part.notes.map((note) => ` ${note}`).join('')}`);
