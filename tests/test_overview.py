@@ -129,8 +129,8 @@ class TestValues:
 
 class TestLevels:
     """
-    OVW-001: An overview MUST be an attachment (SPEC 6.8) with the name `overview` and the media type `haptics/vnd.hapf.overview`. Its content consists of parts, a table and an end, and keeps the rules of this page.
-    OVW-004: The table MUST have one row for each part that follows from the channels. The sizes of the parts are at least 1 and add up to the bytes before the table.
+    OVW-001: An overview MUST be an attachment (SPEC 11.4) with the name `overview` and the media type `haptics/vnd.hapf.overview`. Its content consists of parts, a table and an end, and keeps the rules of this page.
+    OVW-003: Channel numbers MUST grow from row to row and be those of channels of the file. `first_tick + tick_count` is at most 2^48. `low` and `high` are finite, and `low` is at most `high`. The table has one row for each part that follows from the channels. The sizes of the parts are at least 1 and add up to the bytes before the table. A part inflates to exactly the bytes of its bins. The lowest code of a bin is at most its highest, and only an empty bin has the code -32768.
     """
 
     def test_a_long_channel_has_levels_and_blocks(self, monkeypatch):

@@ -686,7 +686,7 @@ types:
         doc: The attached file.
   dgst:
     doc: Digests of a track and of those that follow it.
-    doc-ref: SPEC.md 6.9
+    doc-ref: SPEC.md 11.5
     seq:
       - id: track
         type: varint
