@@ -266,6 +266,16 @@ def knot_rows(draw, index_limit=INDEX_LIMIT, interpolation=None):
 
 
 @st.composite
+def quiet_rows(draw):
+    """Indices that seldom change, and then by little; now and then by much."""
+    generator = np.random.default_rng(draw(st.integers(0, 2**32)))
+    size, step = draw(st.integers(2, 300)), draw(st.sampled_from([1, 2, 9, 300]))
+    moves = generator.integers(-step, step + 1, size)
+    moves *= generator.random(size) < draw(st.sampled_from([0.01, 0.1, 0.4]))
+    return np.cumsum(moves).tolist()
+
+
+@st.composite
 def predictors(draw, index_limit=INDEX_LIMIT):
     """Of any order, stable or not; LPC-005 is kept."""
     base = draw(st.sampled_from([0, 1, index_limit, -index_limit]) | st.integers(-99, 99))

@@ -7,7 +7,6 @@ import re
 
 import numpy as np
 import page
-import page_knots_coded
 import pytest
 import strategies
 from hypothesis import given
@@ -26,7 +25,6 @@ from hapfmt.codecs.knots import (
 from hapfmt.errors import FormatError, HapfmtError
 from hapfmt.format.cluster import Packet
 from hapfmt.limits import LEVELS
-from hapfmt.numbers import build_varint
 from hapfmt.reading.decoder import TrackDecoder
 
 pytestmark = pytest.mark.capped
@@ -49,19 +47,6 @@ def decoded_as_the_page_says(data, interpolation, span, width, limit=FAR):
         return page.decode_knots(data, interpolation == "linear", span, width, limit)
     except page.BrokenRule as rule:
         return str(rule)
-
-
-def choices(packet, width):
-    """What the encoder chose, as the arguments of page.encode_knots."""
-    at = 0
-    for _ in range(width + 1):
-        _, at = page.varint(packet, at)
-    gaps, at = page_knots_coded.row_of(packet, at, 0)
-    differences, at = page_knots_coded.row_of(packet, at, 0)
-    signs = list(packet[at : at + 3]) if differences[0] & 32 else []
-    states = 4 if gaps[0] & 16 else 1
-    return {"gaps": (gaps[0] & ~16, gaps[1]), "differences": (differences[0] & ~32, differences[1]),
-            "signs": signs, "states": states}  # fmt: skip
 
 
 class TestParameters:
@@ -91,9 +76,7 @@ class TestPackets:
         interpolation, ticks, indices, span = case
         rows = list(zip(ticks.tolist(), indices.tolist(), strict=True))
         packet = encode_knots(ticks, indices, interpolation)
-        if len(rows) > 1:
-            ways = choices(packet, indices.shape[1])
-            assert packet == page.encode_knots(rows, interpolation == "linear", **ways)
+        assert packet == page.encode_knots(rows, interpolation == "linear")
         width = indices.shape[1]
         assert decoded(packet, interpolation, span, width) == rows
         wrong = bytearray(packet)
@@ -166,18 +149,20 @@ def test_extremes_of_each_level_are_exact(level, grid):
 def test_a_few_bytes_ask_for_little():
     """After its bytes a packet is over at once, whatever its span and its count of knots."""
     for tail in (b"", b"\0", b"\xff" * 4, b"\x80\0\0\0", bytes(40), b"\xff" * 40):
-        data = b"\0\xff\xff\xff\x07\0\x0c\0\x0c" + tail
+        data = b"\0\xff\xff\xff\x07" + tail
         expected = ("KTE-004", "LPC-003", "RNG-001", "RNG-003")
         assert decoded(data, "hold", 1 << 24, 1) in expected
 
 
 @pytest.mark.capped(32 << 20)
-def test_knots_without_a_bit_take_bytes_each():
-    """A table of one length asks for as many knots as it likes: some 8 bytes a number, no object."""
-    span = 1 << 19
-    data = b"\0" + build_varint(span - 1) + b"\x40\0\1\1" * 2 + b"\0\1\0\0"
-    ticks, rows = decode_indices(data, "hold", span, 1, 7, 0)
-    assert (ticks == np.arange(span)).all()
+def test_knots_of_few_bits_take_bytes_each():
+    """The least that a flag takes is 0.001 bits: some 8 bytes of memory a number, no object."""
+    span = 1 << 18
+    ticks = np.arange(span)
+    data = encode_knots(ticks, np.zeros((span, 1), np.int64), "hold")
+    assert len(data) < span // 1000
+    got, rows = decode_indices(data, "hold", span, 1, 7, 0)
+    assert (got == ticks).all()
     assert not rows.any()
 
 

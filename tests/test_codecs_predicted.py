@@ -53,6 +53,9 @@ def packet_of(indices, predictor):
 def choices(packet, predictor):
     """What the encoder chose: probabilities of repeats, and the rest as page.encode is told it."""
     at = parse_header(packet, 0)[2]
+    if packet[at] == page.BY_BITS:
+        middle = at + 1 + 4 * predictor.repeats
+        return list(packet[at + 1 : middle]), {"number": page.BY_BITS}
     coding, start = packet[at : at + 2]
     middle = at + 2 + 4 * predictor.repeats
     signs = list(packet[middle : middle + 3]) if coding & 32 else []
@@ -222,6 +225,21 @@ class TestPackets:
             row = [far, -far] * 100 + [size]
             data = page.encode(row, forge=row, start=163)
             assert decoded(data, len(row)) == decoded_as_the_page_says(data, len(row)) == "RNG-003"
+
+    @given(strategies.quiet_rows(), st.booleans(), st.data())
+    def test_quiet(self, row, repeats, data):
+        """By bits, with repeats and without, and a byte changed."""
+        predictor = Predictor(1, (), row[0], repeats)
+        packet = encode_indices(np.array(row), predictor)
+        if len(set(row)) > 1:
+            given_ = [*astuple(predictor)[:3], *choices(packet, predictor)]
+            assert page.encode(row, *given_[:4], **given_[4]) == packet
+        assert decoded(packet, len(row)) == row
+        wrong = bytearray(packet)
+        at = data.draw(st.integers(0, len(packet) - 1))
+        wrong[at : at + data.draw(st.integers(0, 2))] = data.draw(st.binary(max_size=2))
+        wrong = bytes(wrong)
+        assert decoded(wrong, len(row)) == decoded_as_the_page_says(wrong, len(row))
 
 
 class TestPredictor:

@@ -14,6 +14,7 @@ from page_numbers import (
     varint_bytes,
 )
 from page_predicted import (
+    BY_BITS,
     DIGEST,
     TEXT,
     K,
@@ -31,6 +32,7 @@ from page_predicted import (
 )
 
 __all__ = [
+    "BY_BITS",
     "CLASSES",
     "DIGEST",
     "EDGES",

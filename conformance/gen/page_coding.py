@@ -200,6 +200,67 @@ def code_integers(coder, count, number, a, signs, integers=None):
     return out
 
 
+class Model:
+    """P.p and P.n; ``limit`` is that of all its flags."""
+
+    def __init__(self, limit: int, rare: bool):
+        self.p, self.n, self.limit = 8192 if rare else 32768, 2 if rare else 0, limit
+
+    def learn(self, bit: int) -> None:
+        t = min(bits_of(self.n + 2) - 1, self.limit)
+        self.p += (65535 - self.p) // 2**t if bit else -(self.p // 2**t)
+        self.n += 1
+
+
+def code_flag(coder, models, bit=None):
+    """A flag of one model or two."""
+    mean = sum(model.p for model in models) // (16 * len(models))
+    bit = coder.symbol([4096 - mean, 4096], bit)
+    for model in models:
+        model.learn(bit)
+    return bit
+
+
+def code_by_bits(coder, count, signs, integers=None, kept=None):
+    """A section of integers by bits; ``kept`` takes the models, by letter and contexts."""
+    coder.section()
+    models = {} if kept is None else kept
+
+    def model(*place):
+        letter = place[0]
+        rare = letter in "AB" and place[2] < place[1] - (2 if letter == "A" else 5)
+        return models.setdefault(place, Model(5 if letter == "A" else 7, rare))
+
+    out, a, b, s, d = [], 0, 0, 0, 0
+    for number in range(count):
+        e = None if integers is None else integers[number]
+        told = None if e is None else abs(e)
+        last = None if e is None else told if told < 3 else bits_of(told - 1) + 1
+        g = 2 * a + b
+        i, j, k = g if g < 3 else min(1 + bits_of(g), 8), min(bits_of(s), 11), 0
+        while not code_flag(
+            coder, [model("A", i, k), model("B", j, k)], None if e is None else int(k == last)
+        ):
+            k += 1
+            if k > 35 and coder.coded is not None:
+                coder.check()
+                raise BrokenRule("RNG-003")
+        u = k
+        if k > 2:
+            rest = None if e is None else told - 1 - 2 * 2 ** (k - 3)
+            half = code_flag(coder, [model("C", k)], None if e is None else rest // 2 ** (k - 3))
+            u = (2 + half) * 2 ** (k - 3) + 1
+            u += coder.number(k - 3, None if e is None else rest % 2 ** (k - 3))
+        if u >= 2**34 and coder.coded is not None:
+            raise BrokenRule("RNG-003")
+        if signs and u > 0:
+            d = 1 + code_flag(coder, [model("D", d)], None if e is None else int(e < 0))
+        coder.check()
+        out.append(-u if signs and u > 0 and d == 2 else u)
+        b, a, s = a, u, s + (64 * u - s) // 8
+    return out
+
+
 def code_lengths(coder, count, table, signs, integers=None):
     """A section of integers by length; ``table``: (first, weights)."""
     coder.section()
@@ -238,13 +299,13 @@ def code_signs(coder, magnitudes, p, integers=None):
     return out
 
 
-def table_of(data: bytes, at: int, most: int = 64):
+def table_of(data: bytes, at: int):
     """(first, weights) and where they end; RNG-004."""
     if len(data) < at + 2 or len(data) < at + 2 + data[at + 1]:
         raise BrokenRule("RNG-004")
     first, n = data[at : at + 2]
     weights = list(data[at + 2 : at + 2 + n])
-    if n < 1 or first + n > most or not any(weights):
+    if n < 1 or first + n > 64 or not any(weights):
         raise BrokenRule("RNG-004")
     return (first, weights), at + 2 + n
 

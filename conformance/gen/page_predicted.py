@@ -6,7 +6,14 @@ import re
 from math import pi, sin
 from pathlib import Path
 
-from page_coding import Coder, code_bits, code_integers, code_signs, some_bytes
+from page_coding import (
+    Coder,
+    code_bits,
+    code_by_bits,
+    code_integers,
+    code_signs,
+    some_bytes,
+)
 from page_numbers import BrokenRule, rdiv, signed, svarint_bytes, varint, varint_bytes
 
 TEXT = (Path(__file__).resolve().parent.parent.parent / "SPEC.md").read_text(encoding="utf-8")
@@ -15,6 +22,9 @@ K = [round(32768 * sin(pi * k / 256)) for k in range(128)]
 """The sine table."""
 
 DIGEST = re.search(r"`([0-9a-f]{64})`", ANNEX_C)[1]
+
+BY_BITS = 64
+"""The coding byte of sections by bits."""
 
 
 def step_up(ks: list[int]) -> list[int]:
@@ -59,12 +69,15 @@ def cross_terms(references, components, span, g, c):
 
 
 def code_errors(coder, span, way, errors=None, repeated=None):
-    """(prediction errors, repeat bits of all ticks), in up to three sections; ``way``: (class,
-    start, probabilities of repeats, those of signs), the last two empty where there are none."""
+    """(prediction errors, repeat bits of all ticks), in up to three sections; ``way``: (class, or
+    64: by bits; start, probabilities of repeats, those of signs), the last two empty where there
+    are none."""
     number, start, repeats, signs = way
     r = [0] * span
     if repeats:
         r[1:] = code_bits(coder, span - 1, repeats, repeated and repeated[1:])
+    if number == BY_BITS:
+        return code_by_bits(coder, r.count(0), True, errors), r
     out = code_integers(coder, r.count(0), number, start, not signs, errors)
     if signs:
         out = code_signs(coder, [abs(e) for e in out], signs, errors)
@@ -153,22 +166,31 @@ def decode(data: bytes, span: int, last: int, components=()) -> list[int]:
         return [base] * span
     c = step_up(ks)
     x = cross_terms(references, components, span, g, c)
-    if len(data) < at + 2 or data[at] > 63 or data[at + 1] > 163:
-        raise BrokenRule("RNG-004")
-    coding, start = data[at : at + 2]
-    p, at = some_bytes(data, at + 2, 4 * repeats)
-    signs, at = some_bytes(data, at, 3 * (coding // 32))
+    coding, start, at = way_of(data, at)
+    p, at = some_bytes(data, at, 4 * repeats)
+    signs, at = some_bytes(data, at, 3 * (coding // 32 % 2))
     coder = Coder(data[at:], 4 if coding // 16 % 2 else 1)
-    errors, r = code_errors(coder, span, (coding % 16, start, p, signs))
+    way = coding if coding == BY_BITS else coding % 16, start, p, signs
+    errors, r = code_errors(coder, span, way)
     coder.finish()
     return samples(errors, r, span, g, c, base, last, x)
+
+
+def way_of(data: bytes, at: int):
+    """(coding byte, start byte or None) and where they end; RNG-004."""
+    if data[at : at + 1] == bytes([BY_BITS]):
+        return BY_BITS, None, at + 1
+    if len(data) < at + 2 or data[at] > 63 or data[at + 1] > 163:
+        raise BrokenRule("RNG-004")
+    return data[at], data[at + 1], at + 2
 
 
 def encode(
     indices, g=0, ks=(), base=0, repeats=(), references=(), components=(), *,
     number=0, start=12, signs=(), states=1, forge=None,
 ):  # fmt: skip
-    """A component packet that is not constant; ``forge``: these errors, whatever the indices."""
+    """A component packet that is not constant; ``number``: the class, or BY_BITS; ``forge``: these
+    errors, whatever the indices."""
     coder, c = Coder(states=states), step_up(ks)
     x = cross_terms(references, components, len(indices), g, c)
     r = [int(bool(repeats) and t > 0 and i == indices[t - 1]) for t, i in enumerate(indices)]
@@ -181,7 +203,8 @@ def encode(
     if references:
         header += bytes([len(references)])
         header += b"".join(bytes(byte % 256 for byte in each) for each in references)
-    coding = bytes([number + 16 * (states == 4) + 32 * bool(signs), start, *repeats, *signs])
+    told = [] if number == BY_BITS else [start]
+    coding = bytes([number + 16 * (states == 4) + 32 * bool(signs), *told, *repeats, *signs])
     return header + svarint_bytes(base) + coding + coder.finish()
 
 

@@ -54,6 +54,9 @@ ROWS = (
 QUIET = 2
 """Bits an integer: sections that take more are not tried by bits, which take longer to decode."""
 
+SURE = 1024
+"""Of so many integers whose mean is below a half, nothing but bits is tried."""
+
 FAST, SLOW = 5, 7
 """How slowly models learn at most: by a 32nd or a 128th of what they lack."""
 
@@ -587,6 +590,16 @@ class ByBits:
         coder.section(self.shares)
         for value, bits in self.raw:
             coder.raw(value, bits)
+
+
+def quiet_section(numbers: Sequence[int]) -> ByBits | None:
+    """Integers by bits, with signs, where these take less than those of a class."""
+    size = len(numbers)
+    if size >= SURE and sum(map(abs, numbers)) < size // 2:
+        return ByBits.of(numbers, signs=True)
+    cost = class_cost(numbers) + Signs.of(numbers).cost
+    found = ByBits.of(numbers, signs=True) if cost <= 256 * QUIET * size else None
+    return found if found and found.cost < cost else None
 
 
 def put_bits(coder: Encoder, bits: Sequence[int]) -> bytes:

@@ -22,15 +22,13 @@ from ..limits import Level
 from ..numbers import build_svarint, build_varint, parse_svarint, parse_varint, rdiv
 from .entropy import (
     OUT_OF_RANGE,
-    QUIET,
     START_MOST,
-    ByBits,
     Decoder,
     Encoder,
     Signs,
-    class_cost,
     put_bits,
     put_integers,
+    quiet_section,
 )
 from .grids import UNIFORM, LpcParameters
 
@@ -250,14 +248,11 @@ def encode_coded(
         repeats = put_bits(coder, same.tolist())
         errors = errors[np.concatenate(([0], same)) == 0]
     numbers = errors.tolist()
+    if quiet := quiet_section(numbers):
+        coder.many_pay = False
+        quiet.put(coder)
+        return bytes([BY_BITS]) + repeats + coder.finish()
     signs = Signs.of(numbers)
-    cost = class_cost(numbers) + signs.cost
-    if cost <= 256 * QUIET * len(numbers):
-        learnt = ByBits.of(numbers, signs=True)
-        if learnt.cost < cost:
-            coder.many_pay = False
-            learnt.put(coder)
-            return bytes([BY_BITS]) + repeats + coder.finish()
     number, start = put_integers(coder, numbers, signs=not signs.pay)
     if signs.pay:
         signs.put(coder)

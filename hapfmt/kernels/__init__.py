@@ -6,7 +6,8 @@ search, and names its twin. Those of codecs/ are lpcr, knots, knots_coded, huffm
 (LPCX), transform (MDCT), noise (NOIS) and levels (grids). Those of encoder/ are select, tube,
 sweep, links, quick, trellis and vectors.
 That of split.py is sections.
-Shared headers: coder.h, integers.h and coded.h implement SPEC 9.4, each on top of the one before.
+Shared headers: coder.h, integers.h, coded.h and flags.h implement SPEC 9.4, each on top of the one
+before.
 lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
 """
 

@@ -178,28 +178,6 @@ static inline int start_of(const int64_t *in, int64_t count)
     return mean < 4 ? 0 : 4 * (lg - 2) + (int)(mean >> (lg - 2) & 3);
 }
 
-/* Counts the symbols of integers. Returns their raw bits without signs; -1 if one is too large. */
-static inline int64_t survey(const int64_t *in, int64_t count, int start, histogram *seen)
-{
-    averages a = averages_from(start);
-    int64_t bits = 0;
-    for (int64_t at = 0; at < count; at += BLOCK) {
-        int n = count - at < BLOCK ? (int)(count - at) : BLOCK, h, c = context_of(&a, &h);
-        uint64_t sum = 0;
-        for (int i = 0; i < n; i++) {
-            int64_t value = in[at + i];
-            uint64_t u = (uint64_t)(value < 0 ? -value : value), w = u >> h;
-            if (u >> ERROR_BITS) return -1;
-            int k = w >= edges[ESCAPE] ? ESCAPE : buckets[w];
-            seen->counts[SYMBOLS * c + k]++;
-            bits += h + (k == ESCAPE ? 5 + bit_length(w - edges[ESCAPE] + 1) : extra[k]);
-            sum += u;
-        }
-        learn(&a, sum);
-    }
-    return bits;
-}
-
 /* Notes a section of integers; ``first`` is added to its codes. */
 INLINE int put_integers(encoder *e, const int64_t *in, int64_t count, int start, int signs, int first,
                         histogram *seen)

@@ -358,8 +358,20 @@ INLINE int64_t errors_and_repeats(encoder *e, const plan *p, const int64_t *indi
     return fresh;
 }
 
-/* Sections that take more bits a number than this are not tried by bits: those take longer to decode. */
-enum { QUIET = 2 * 256 };
+/* Sections that take more bits a number than this are not tried by bits: those take longer to decode.
+   Of many numbers whose mean is below a half nothing else is tried. */
+enum { QUIET = 2 * 256, SURE = 1024 };
+
+/* Whether numbers are so quiet and many that a class would be larger. */
+static int surely_quiet(const int64_t *numbers, int64_t count)
+{
+    int64_t left = count < SURE ? 0 : count / 2;
+    for (int64_t i = 0; i < count && left > 0; i++) {
+        int64_t u = numbers[i] < 0 ? -numbers[i] : numbers[i];
+        left = u < left ? left - u : 0;
+    }
+    return left > 0;
+}
 
 static int encode(workshop *w, const plan *p, const int64_t *indices, uint8_t *out, int64_t size,
                   int64_t *written)
@@ -369,7 +381,7 @@ static int encode(workshop *w, const plan *p, const int64_t *indices, uint8_t *o
     histogram seen;
     share shares[BITS + 2 * (REPEAT_CONTEXTS + SIGN_CONTEXTS)];
     int64_t repeats[2 * REPEAT_CONTEXTS] = {0}, signs[2 * SIGN_CONTEXTS], cost, more, other;
-    int head = 0, by_bits = 0;
+    int head = 0, by_bits = 0, class = 0, later = 0, first = 0, status;
     uint8_t start[HEAD];
     *written = 0;
     if (!within(indices, p->span, p->limit)) return BAD_INDEX;
@@ -377,14 +389,18 @@ static int encode(workshop *w, const plan *p, const int64_t *indices, uint8_t *o
     encoder_init(&e, w->codes, out + HEAD, room);
     memset(&seen, 0, sizeof seen);
     int64_t fresh = errors_and_repeats(&e, p, indices, w->errors, repeats), *errors = w->errors;
-    int later = signs_pay(errors, fresh, signs, &more), first = start_of(errors, fresh);
     before = e;
-    int status = later ? put_integers(&e, errors, fresh, first, UNSIGNED, 0, &seen)
+    cost = INT64_MAX;
+    if (!surely_quiet(errors, fresh)) {
+        later = signs_pay(errors, fresh, signs, &more);
+        first = start_of(errors, fresh);
+        status = later ? put_integers(&e, errors, fresh, first, UNSIGNED, 0, &seen)
                        : put_integers(&e, errors, fresh, first, RAW_SIGNS, 0, &seen);
-    if (status) return status;
-    int class = best_class(&seen, &cost);
-    cost += 2048 + 256 * (raw_bits(&e) - raw_bits(&before)) + (later ? more : 0);
-    if (cost <= QUIET * fresh) {
+        if (status) return status;
+        class = best_class(&seen, &cost);
+        cost += 2048 + 256 * (raw_bits(&e) - raw_bits(&before)) + (later ? more : 0);
+    }
+    if (cost == INT64_MAX || cost <= QUIET * fresh) {
         int64_t noted = e.noted;
         if (!note_by_bits(&e, w, errors, fresh, RAW_SIGNS, &other)) return NO_MEMORY;
         by_bits = other < cost;
