@@ -697,8 +697,8 @@ FAULTS = [
     # 9.6
     Fault("CNV-002", 100, "no first index", further(b"")),
     Fault("LPC-003", 100, "first index 2^24 + 1", further(f.svarint(2**24 + 1))),
-    Fault("KTE-002", 101, "no knot follows", further(b"\0\0")),
-    Fault("KTE-002", 101, "as many follow as there are ticks", further(b"\0\2")),
+    Fault("KTE-004", 101, "no knot follows", further(b"\0\0")),
+    Fault("KTE-004", 101, "as many follow as there are ticks", further(b"\0\2")),
     Fault("RNG-001", 102, "no coded knots", further(b"\0\1")),
     Fault("KTE-004", 106, "a knot at tick 2 of 2",
           further(page.encode_knots([(0, [0]), (2, [1])], False))),
