@@ -55,7 +55,7 @@ QUIET = 2
 """Bits an integer: sections that take more are not tried by bits, which take longer to decode."""
 
 SURE = 1024
-"""Of so many integers whose mean is below a half, nothing but bits is tried."""
+"""A section of this many integers with a mean below a half is coded by bits in any case."""
 
 FAST, SLOW = 5, 7
 """How slowly models learn at most: by a 32nd or a 128th of what they lack."""

@@ -359,7 +359,7 @@ INLINE int64_t errors_and_repeats(encoder *e, const plan *p, const int64_t *indi
 }
 
 /* Sections that take more bits a number than this are not tried by bits: those take longer to decode.
-   Of many numbers whose mean is below a half nothing else is tried. */
+   Many numbers whose mean is below a half are coded by bits, and nothing else is tried. */
 enum { QUIET = 2 * 256, SURE = 1024 };
 
 /* Whether numbers are so quiet and many that a class would be larger. */
