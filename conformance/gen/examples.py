@@ -621,7 +621,7 @@ def described() -> Example:
         svarint(1, "A = 1"), svarint(-500, "B = -500"), varint(1000, "D = 1000"),
     ]  # fmt: skip
     contract = [
-        varint(10, "kd = 10"), varint(1, "kn = 1"), u8(2, "guaranteed, each component alone"),
+        varint(1, "kn = 1"), varint(10, "kd = 10"), u8(2, "guaranteed, each component alone"),
         varint(5, "floor 5"), svarint(0, "zero 0"), varint(8, "floor 8"), svarint(500, "zero 500"),
     ]  # fmt: skip
     deviation = [

@@ -468,12 +468,12 @@ types:
         type: u1
         doc: Components of the track.
     seq:
-      - id: kd
-        type: varint
-        doc: Denominator of the Weber fraction.
       - id: kn
         type: varint
         doc: Numerator of the Weber fraction.
+      - id: kd
+        type: varint
+        doc: Denominator of the Weber fraction.
       - id: flags
         type: u1
         doc: Bit 0 vector form, bit 1 guaranteed; others 0.
