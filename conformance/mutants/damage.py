@@ -400,11 +400,33 @@ MUTANTS = (
     ),
     mutant(
         "footer-unchecked",
-        "The counts of a footer are not compared with the file.",
+        "The duration of a footer is not compared with the file.",
         "FOT-002",
         Edit(
             "reading.verifier:check_structure",
-            "if (foot.data_count, foot.track_count, foot.duration_ns) != (*counts, stop_ns):",
+            "if foot.duration_ns != int(catalogue.duration * 10**9):",
+            "if False:",
+        ),
+        role="verifier",
+    ),
+    mutant(
+        "footer-distance-unchecked",
+        "The distance of the index in a footer is not compared with the file.",
+        "FOT-002",
+        Edit(
+            "reading.verifier:check_foot",
+            "parse_foot(chunk.payload, 0).index_distance != distance",
+            "parse_foot(chunk.payload, 0) is None",
+        ),
+        role="verifier",
+    ),
+    mutant(
+        "closed-file-without-end",
+        "In a closed file too a loss whose end no index tells has no end.",
+        "REC-003 REC-012",
+        Edit(
+            "reading.damage:Losses.suspect",
+            "if stop is None and self.duration_ns is not None:",
             "if False:",
         ),
         role="verifier",

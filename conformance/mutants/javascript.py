@@ -14,6 +14,18 @@ def javascript(
 
 MUTANTS = (
     javascript(
+        "linked-to-itself-less-one",
+        "The track that another one is linked to is taken as it is stored, 1 too high.",
+        "TRK-007 TRK-016",
+        Edit("trak.js", "track.linked = reader.varint() - 1;", "track.linked = reader.varint();"),
+    ),
+    javascript(
+        "tlv-types-of-any-size",
+        "A TLV may have a type above 65535.",
+        "TLV-001",
+        Edit("head.js", "if (type >= TYPE_BOUND)", "if (false)"),
+    ),
+    javascript(
         "rdiv-truncates",
         "The quotient rdiv truncates.",
         "CNV-001 LPC-005",

@@ -190,18 +190,6 @@ MUTANTS = (
         Edit(LEARN, "if header.critical and", "if"),
     ),
     mutant(
-        "critical-flags-ignored",
-        "Unknown critical flags mean nothing.",
-        "CHK-007",
-        Edit("format.wire:ChunkHeader.known", "and not self.flags & CRITICAL_FLAGS", ""),
-    ),
-    mutant(
-        "ancillary-flags-refused",
-        "Unknown ancillary flags make a chunk unknown.",
-        "CHK-007",
-        Edit("format.wire:ChunkHeader.known", "self.flags & CRITICAL_FLAGS", "self.flags"),
-    ),
-    mutant(
         "critical-tlv-skipped",
         "An unknown critical TLV is skipped.",
         "TLV-003",
@@ -210,7 +198,7 @@ MUTANTS = (
             "if type_ % 2 and type_ not in KNOWN",
             "if False",
         ),
-        Edit(HEAD, "if t % 2]", "if False]"),
+        Edit(HEAD, "if type_ % 2]", "if False]"),
     ),
     mutant(
         "ancillary-tlv-refused",
@@ -239,20 +227,32 @@ MUTANTS = (
         Edit(HEAD, "if payload and raw.major != MAJOR:", "if False:"),
     ),
     mutant(
-        "compat-refused",
-        "Unknown bits in compat are refused.",
-        "VER-001",
+        "uuid-backwards",
+        "The UUID that follows from the file id has its digits from the lowest on.",
+        "HED-002",
         Edit(
-            HEAD,
-            "raw.incompat & ~KNOWN_INCOMPAT:",
-            "(raw.incompat | raw.compat) & ~KNOWN_INCOMPAT:",
+            "format.wire:uuid_of",
+            'f"{file_id:016x}"',
+            'f"{file_id:016x}"[::-1]',
         ),
     ),
     mutant(
-        "incompat-ignored",
-        "Unknown bits in incompat are ignored.",
-        "VER-001",
-        Edit(HEAD, "raw.incompat & ~KNOWN_INCOMPAT:", "False:"),
+        "epoch-of-uncertainty-0-unknown",
+        "An epoch with the uncertainty 0 is taken for none.",
+        "HED-002",
+        Edit(
+            HEAD,
+            "epoch_ns, uncertainty_ns = HEAD_EPOCH.read(tlvs[EPOCH][1])",
+            "epoch_ns, uncertainty_ns = HEAD_EPOCH.read(tlvs[EPOCH][1])\n"
+            "        epoch_ns = epoch_ns if uncertainty_ns else None",
+        ),
+    ),
+    mutant(
+        "digests-of-track-0-on",
+        "Digests are those of the tracks from 0 on, whatever their first track.",
+        "DGS-001 DGS-002",
+        Edit("format.extras:parse_digests", "first + place:", "place:"),
+        role="verifier",
     ),
     mutant(
         "metadata-first-wins",

@@ -129,10 +129,14 @@ MUTANTS = (
         Edit(f"{WRITER}.data", "ceil_ms(stop)", "floor_ms(stop)"),
     ),
     encoder(
-        "footer-counts-clusters-twice",
-        "The footer counts one DATA chunk too many.",
+        "footer-distance-from-its-end",
+        "The distance of the index counts from the end of the footer.",
         "FOT-002",
-        Edit(f"{WRITER}.foot", "self.data_count,", "self.data_count + 1,"),
+        Edit(
+            f"{WRITER}.foot",
+            "distance = self.offset - self.parts",
+            "distance = self.offset + FOOT_SIZE - self.parts",
+        ),
     ),
     encoder(
         "footer-rounds-down",

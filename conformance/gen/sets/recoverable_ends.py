@@ -142,7 +142,7 @@ def ends() -> Iterator[Case]:
         ("footer-flip", FOOT.payload,
          [("bad-payload", FOOT.at, FOOT.size), ("not-closed", END, 0)], [], 0),
         ("index-header-flip", INDEX.at + 9,
-         [("garbage", INDEX.at, INDEX.size), ("missing-chunk", FOOT.at, 0)], EVERYTHING_AFTER, 3),
+         [("garbage", INDEX.at, INDEX.size), ("missing-chunk", FOOT.at, 0)], [], 3),
         ("footer-header-flip", FOOT.at + 9,
          [("garbage", FOOT.at, FOOT.size), ("not-closed", END, 0)], EVERYTHING_AFTER, 3),
     ):  # fmt: skip
@@ -240,6 +240,29 @@ def closed_without() -> Iterator[Case]:
         kept=kept, lost=[(track, 4, 80) for track in range(3)],
         damages=[("missing-chunk", place.at, 0)],
     )  # fmt: skip
+    yield wrecked(
+        "no-index-last-cluster-lost",
+        "The last cluster of a closed file without an index is missing: the duration tells where "
+        "it ended.",
+        ["REC-003", "REC-012", "FOT-002"], "framing/missing",
+        w.without(laid.data, last.at, last.stop),
+        kept=dict.fromkeys(range(3), ((0, 4), (40, 44))),
+        lost=[(track, 44, 84) for track in range(3)], damages=[("missing-chunk", last.at, 0)],
+    )  # fmt: skip
+    few = w.lay(HEAD, THREE, *w.clusters(0), close=False)
+    for name, about, duration, stop in (
+        ("within-a-tick", "which is within a tick", 43_999_999, 43),
+        ("unknown", "but the largest i64 is no end", 2**63 - 1, None),
+    ):  # fmt: skip
+        foot_of = f.chunk("fOOT", f.foot(0, duration), 5)
+        yield wrecked(
+            f"no-index-duration-{name}",
+            f"Clusters are missing at the end; the duration tells how far, {about}.",
+            ["REC-003", "REC-012"], "framing/missing", few.data + foot_of,
+            kept=dict.fromkeys(range(3), ((0, 4),)),
+            lost=[(track, 4, stop) for track in range(3)],
+            damages=[("missing-chunk", len(few.data), 0)],
+        )  # fmt: skip
     for name, at, damages, lost in (
         ("payload", foot.payload, [("bad-payload", foot.at, foot.size), ("not-closed", end, 0)],
          []),
