@@ -1,4 +1,4 @@
-"""ClockObservation and ClockMap: what a recording knows of other clocks (SPEC 6.10).
+"""ClockObservation and ClockMap: what a recording knows of other clocks (SPEC 11.6).
 
 Both refer to a channel of the recording, as an event does. A file refers to a track instead.
 """

@@ -418,7 +418,7 @@ FAULTS = [
     Fault("DAT-008", 107, "unknown track", cluster(f.cluster((9, 0, 1, b"")))),
     Fault("DAT-008", 8 + f.HEADER + len(f.head()) + f.HEADER + 7, "track not described", judged(f.file(HEAD, DATA))),
     Fault("DAT-009", 109, "2^22 + 1 samples", cluster(f.cluster((1, 0, 2**22 // 200 + 1, b"")))),
-    # 6.5, 6.6
+    # 11.1, 11.2
     Fault("IDX-002", 100, "index cut short", lambda: parse_index(b"", 500, AT)),
     Fault("IDX-002", 100, "entries missing", at_index(count=1)),
     Fault("IDX-002", 127, "an entry missing", at_index(("DATA", 8, 2**20, 2**21), count=2)),
@@ -441,8 +441,8 @@ FAULTS = [
           lambda: index_entries(BytesSource(f.file(HEAD, NESTED)), TRACK_AT + f.HEADER, 7)),
     Fault("IDX-005", 8 + f.HEADER + len(f.head()) + 3 * (f.HEADER + 2**20), "no index in 4 MiB",
           judged(f.file(HEAD, *LONG))),
-    Fault("IDX-006", 100, "starts too late", listed(("HEAD", 8, 0, 0), ("DATA", 88, 6, 9))),
-    Fault("IDX-006", 100, "stops too early", listed(("HEAD", 8, 0, 0), ("DATA", 88, 5, 8))),
+    Fault("IDX-002", 100, "starts too late", listed(("HEAD", 8, 0, 0), ("DATA", 88, 6, 9))),
+    Fault("IDX-002", 100, "stops too early", listed(("HEAD", 8, 0, 0), ("DATA", 88, 5, 8))),
     Fault("FOT-001", 100, "footer cut short", lambda: parse_foot(b"", AT)),
     Fault("FOT-001", 100, "a byte too much", lambda: parse_foot(bytes(13), AT)),
     Fault("IDX-002", END + f.HEADER, "previous is no index", judged(f.minimal(
@@ -450,7 +450,7 @@ FAULTS = [
     Fault("FOT-002", END + f.HEADER, "no index at the distance", judged(f.minimal(indexed=False, index_distance=1))),
     Fault("FOT-002", len(f.minimal()) - 12, "another index", judged(f.minimal(index_distance=8))),
     Fault("FOT-002", len(f.minimal()) - 12, "another duration", judged(f.minimal(duration_ns=1))),
-    # 6.7 to 6.9
+    # 11.3 to 11.5
     Fault("MET-001", 100, "no JSON", lambda: parse_metadata(b"", AT)),
     Fault("MET-001", 100, "no object", lambda: parse_metadata(b"[]", AT)),
     Fault("MET-001", 100, "65 deep",
@@ -662,9 +662,9 @@ FAULTS = [
         HEAD, ("TRAK", exact_track()),
         ("DATA", f.cluster((0, 0, 1, b"\4\x10\0" + f.svarint(101))))))),
     Fault("CNV-002", 100, "no counts", counts(b"")),
-    Fault("EXA-004", 104, "flags alone", beside(b"\0")),
-    Fault("EXA-004", 104, "flag bit 2 of corrections", beside(b"\4\0\0")),
-    Fault("EXA-004", 104, "shift 64", beside(b"\0\x40\0")),
+    Fault("EXA-003", 104, "flags alone", beside(b"\0")),
+    Fault("EXA-003", 104, "flag bit 2 of corrections", beside(b"\4\0\0")),
+    Fault("EXA-003", 104, "shift 64", beside(b"\0\x40\0")),
     Fault("RNG-001", 113, "a coded byte too much", beside(corrected(0) + b"\0")),
     Fault("RNG-001", 109, "no corrections", beside(b"\0\0\0\1\1")),
     Fault("RNG-004", 104, "no table of lengths", beside(b"\0\0")),
@@ -680,7 +680,7 @@ FAULTS = [
     Fault("NOI-003", 100, "intervals of 4 ticks", noisy(b"\2\xff")),
     Fault("NOI-003", 100, "intervals of 8192 ticks", noisy(b"\x0d\1")),
     Fault("NOI-003", 100, "blocks of 56 ticks", noisy(b"\3\7")),
-    Fault("NOI-004", 100, "a model larger than the packet", noise(b"\1", count=2)),
+    Fault("LPC-001", 100, "a model larger than the packet", noise(b"\1", count=2)),
     Fault("NOI-005", 100, "a filter of order 33", noise(b"\x21" + NOISE[1:])),
     Fault("NOI-005", 100, "a model cut short", noise(NOISE[:10])),
     Fault("NOI-006", 106, "a first gain of 113", noise(NOISE[:6] + b"\x71" + NOISE[7:])),
@@ -697,8 +697,8 @@ FAULTS = [
     # 9.6
     Fault("CNV-002", 100, "no first index", further(b"")),
     Fault("LPC-003", 100, "first index 2^24 + 1", further(f.svarint(2**24 + 1))),
-    Fault("KTE-002", 101, "no knot follows", further(b"\0\0")),
-    Fault("KTE-002", 101, "as many follow as there are ticks", further(b"\0\2")),
+    Fault("KTE-004", 101, "no knot follows", further(b"\0\0")),
+    Fault("KTE-004", 101, "as many follow as there are ticks", further(b"\0\2")),
     Fault("RNG-001", 102, "no coded knots", further(b"\0\1")),
     Fault("KTE-004", 106, "a knot at tick 2 of 2",
           further(page.encode_knots([(0, [0]), (2, [1])], False))),
@@ -706,7 +706,7 @@ FAULTS = [
           further(page.encode_knots([(0, [0]), (1, [2**24 + 1])], False))),
     Fault("RNG-001", 106, "a byte after the knots",
           further(page.encode_knots([(0, [0]), (1, [1])], False) + b"\0")),
-    # 6.10
+    # 11.6
     Fault("CNV-002", 100, "no track", clock(b"")),
     Fault("CLK-001", 101, "no name", clock(b"\0")),
     Fault("CLK-001", 101, "an empty name", clock(f.clock([(0, 0, 0)], ""))),

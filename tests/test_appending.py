@@ -76,7 +76,7 @@ def recording(path: Path, clusters: int = 3, *, close: bool = True) -> None:
 
 class TestClosedFiles:
     """
-    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file in which it finds damage before that end, or an unknown critical chunk. It need not read payloads that an index lists.
+    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file in which it finds damage before that end, or an unknown critical chunk. It need not read payloads that an index lists. Before it appends, it cuts off what follows the last whole chunk. It writes the packets of a cut `DATA` chunk whose CRC matches in a new `DATA` chunk, and reports the losses.
     """
 
     @pytest.mark.parametrize("close", [True, False])
@@ -317,7 +317,7 @@ def go_on(path: Path) -> list[str] | None:
 
 class TestCutFiles:
     """
-    WRT-007: Before it appends, a writer MUST cut off what follows the last whole chunk. It writes the packets of a cut `DATA` chunk whose CRC matches in a new `DATA` chunk, and reports the losses.
+    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file in which it finds damage before that end, or an unknown critical chunk. It need not read payloads that an index lists. Before it appends, it cuts off what follows the last whole chunk. It writes the packets of a cut `DATA` chunk whose CRC matches in a new `DATA` chunk, and reports the losses.
     """
 
     @either("every", 11, deep=3, nightly=1)
@@ -458,7 +458,7 @@ class TestCutFiles:
 
 class TestRefusals:
     """
-    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file in which it finds damage before that end, or an unknown critical chunk. It need not read payloads that an index lists.
+    WRT-006: A writer that appends MUST change no byte before the end of the last whole chunk. It continues there with the file id, the next sequence number, and the level of the file. It refuses a file in which it finds damage before that end, or an unknown critical chunk. It need not read payloads that an index lists. Before it appends, it cuts off what follows the last whole chunk. It writes the packets of a cut `DATA` chunk whose CRC matches in a new `DATA` chunk, and reports the losses.
     """
 
     def refused(self, path: Path, data: bytes, kind: type[HapfmtError], message: str) -> None:

@@ -1,4 +1,4 @@
-"""What is added to a file that stands: attachments and metadata (SPEC 6.7, 6.8, 15)."""
+"""What is added to a file that stands: attachments and metadata (SPEC 11.3, 11.4, 15)."""
 
 from __future__ import annotations
 

@@ -147,7 +147,7 @@ def test_a_weber_fraction_of_16_bits_is_never_larger(k):
 class TestDeadband:
     @given(signals, calibrations, webers, floors)
     def test_no_sample_outside(self, x, calibration, k, floor):
-        """DBC-002: With flag *guaranteed*, every sample MUST keep the contract: for each component `|x - y| * kd <= max(kn * |x - zero|, floor * kd)`. The vector form is the same with Euclidean norms over the components, compared by their squares, and the floor of the first component."""
+        """DBC-002: With flag *guaranteed*, every sample MUST keep the contract: for each component `|x - y| * kd <= max(kn * |x - zero|, floor * kd)`. The vector form is the same with Euclidean norms over the components, compared by their squares, and the floor of the first component. A verifier that is given x checks this with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right."""
         settings = deadband(k, floor)
         recording = Recording((channel(x, calibration),))
         y = assert_intact(recording, settings).channels[0].stored.astype(np.int64)

@@ -233,7 +233,7 @@ def test_a_failed_write_leaves_nothing(room: Path, tmp_path: Path) -> None:
 
 
 class TestExitCodes:
-    """VRD-001: A program that reads hapf files MUST end with the code of this clause."""
+    """VRD-001: A program that reads hapf files MUST end with the code of this clause. Programs that inspect, verify or recover files work on files with unknown critical parts as far as these are understood."""
 
     READERS = ("info", "verify", "du", "dump", "decode")
 

@@ -1,4 +1,4 @@
-"""Clause 6.10: observations of other clocks as they were made, and maps where they are asked for."""
+"""Clause 11.6: observations of other clocks as they were made, and maps where they are asked for."""
 
 from __future__ import annotations
 

@@ -246,7 +246,7 @@ class TestPackets:
 
     @given(cases(), flags, st.data())
     def test_mutated(self, case, given, data):
-        """EXA-004: Undefined flags MUST be 0, and z at most 63."""
+        """EXA-003: The counts MUST end within the packet and lie within the declared range of their track: lossless counts are never clamped. The parts fit the packet: their sizes are together at most what follows them. Undefined flags are 0, and z at most 63."""
         parameters, affine, counts, x = case
         counts, x = counts[:30], x[:30]
         try:
@@ -262,7 +262,7 @@ class TestPackets:
 
     @given(st.binary(max_size=40), st.integers(1, 50), rules())
     def test_any_bytes(self, data, span, parameters):
-        """EXA-003: The counts MUST end within the packet and lie within the declared range of their track: lossless counts are never clamped. The parts fit the packet: their sizes are together at most what follows them."""
+        """EXA-003: The counts MUST end within the packet and lie within the declared range of their track: lossless counts are never clamped. The parts fit the packet: their sizes are together at most what follows them. Undefined flags are 0, and z at most 63."""
         affine = Affine(1, 0, 10)
         try:
             expected = page_exact.decode(
@@ -302,7 +302,7 @@ class TestTracks:
     def test_counts_need_no_exact_values(self):
         """EXA-006: A decoder that is not asked for exact values MUST give the counts, whatever follows the n bytes. Where that breaks a rule, the packet does not decode for a verifier, nor for a decoder that is asked for exact values."""
         decoder = TrackDecoder(self.TRACK, ONE)
-        for beside, rule in ((b"", None), (b"\4\0\0", "EXA-004"), (b"\0\0\0\1\1", "RNG-001")):
+        for beside, rule in ((b"", None), (b"\4\0\0", "EXA-003"), (b"\0\0\0\1\1", "RNG-001")):
             broken = Packet(0, 0, 3, packet([1, 2, 3], beside))
             counts = decoder.decode(broken)
             assert counts.tolist() == [[1], [2], [3]]
@@ -317,7 +317,7 @@ class TestTracks:
         decoders, ranges = {0: TrackDecoder(self.TRACK, ONE)}, {0: (0, 9)}
         counts = PieceDecoder(decoders, ranges, exact=False).decode(broken)
         assert counts.numbers.tolist() == [[1], [2], [3]]
-        with pytest.raises(FormatError, match="EXA-004"):
+        with pytest.raises(FormatError, match="EXA-003"):
             PieceDecoder(decoders, ranges, exact=True).decode(broken)
 
     @pytest.mark.parametrize("wrong", [{"kind": "lf"}, {"kind": "hf"}], ids=str)

@@ -71,8 +71,7 @@ class TestPackets:
     @given(strategies.knot_rows(), st.data())
     def test_as_the_page_says(self, case, data):
         """
-        KTE-002: Where it is present, f MUST be at least 1 and less than `span`.
-        KTE-004: Every tick MUST be less than `span` minus the number of knots that follow it.
+        KTE-004: Every tick MUST be less than `span` minus the number of knots that follow it. Where it is present, f is at least 1 and less than `span`.
         """
         interpolation, ticks, indices, span = case
         rows = list(zip(ticks.tolist(), indices.tolist(), strict=True))

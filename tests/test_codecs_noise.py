@@ -47,7 +47,7 @@ def decoded_as_the_page_says(data, parameters, span, count=1):
 
 
 def test_parameters():
-    """NOI-003: `shift` MUST be 3 to 12, and a block, `intervals` times 2^shift, have at least 64 ticks."""
+    """NOI-003: `shift` MUST be 3 to 12, and a frame, `intervals` times 2^shift, have at least 64 ticks."""
     for shift in range(256):
         for intervals in (0, 1, 2, 7, 8, 255):
             data = nois_parameters(shift, intervals)
@@ -81,13 +81,13 @@ def test_as_the_page_says(case):
 
 @given(cases, cases)
 def test_components_are_independent(one, two):
-    """NOI-004: The component packets MUST fit the packet: their sizes are together at most what follows them."""
+    """LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them."""
     (gains, blocks, parameters), given, span = one
     parts = [encode_component(gains, blocks, parameters, **given), b""]
     parts.append(encode_component(gains[::-1], blocks, parameters, seed=two[1]["seed"]))
     rows = decoded(encode_packet(parts), parameters, span, 3)
     assert rows == [decoded(part, parameters, span)[0] for part in parts]
-    assert decoded(encode_packet(parts)[:1], parameters, span, 3) in ("NOI-004", "CNV-002")
+    assert decoded(encode_packet(parts)[:1], parameters, span, 3) in ("LPC-001", "CNV-002")
 
 
 @given(cases, st.data())

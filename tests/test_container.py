@@ -1,4 +1,4 @@
-"""Clauses 5, 6.1, 6.2, 6.7, 6.8: signature, chunk headers, HEAD, TLVs, metadata, attachments."""
+"""Clauses 5, 6.1, 6.2, 11.3, 11.4: signature, chunk headers, HEAD, TLVs, metadata, attachments."""
 
 from __future__ import annotations
 

@@ -182,7 +182,7 @@ class TestContracts:
 
     def test_each_track_has_its_own(self, file):
         """
-        DBC-003: A verifier that is given x MUST check the contract with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right.
+        DBC-002: With flag *guaranteed*, every sample MUST keep the contract: for each component `|x - y| * kd <= max(kn * |x - zero|, floor * kd)`. The vector form is the same with Euclidean norms over the components, compared by their squares, and the floor of the first component. A verifier that is given x checks this with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right.
         """
         report = verify(file, against=whole_of(self.A, self.B))
         assert report.verdict == "intact"

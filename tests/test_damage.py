@@ -67,7 +67,7 @@ def check(data: bytes, clean: dict) -> None:
 def test_every_flip(turn):
     """
     REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
-    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (14.2) names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` names.
     CHK-002: A header MUST have the sync word `F9 48 8B 1C`, a type of four ASCII letters, and the right `header_crc`. A reader uses no field of any other header.
     """
     for at in range(len(TWO)):
@@ -78,7 +78,7 @@ def test_every_flip(turn):
 
 def test_every_deletion():
     """
-    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (14.2) names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` names.
     FIL-002: The first chunk MUST start at offset 8, and each other chunk directly after the payload of the one before it.
     """
     for at in range(len(TWO)):
@@ -88,7 +88,7 @@ def test_every_deletion():
 def test_every_prefix():
     """
     FIL-003: A closed file MUST end with a `fOOT` chunk.
-    VRD-001: A program that reads hapf files MUST end with the code of this clause.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause. Programs that inspect, verify or recover files work on files with unknown critical parts as far as these are understood.
     """
     for size in range(len(TWO)):
         check(TWO[:size], CLEAN)
@@ -140,7 +140,7 @@ def test_residuals(residual_file, band):
 
 def test_a_lost_description_of_the_residual(residual_file):
     """
-    DEC-003: The full band of a channel with an HF track MUST be delivered only for ticks that both tracks cover; the others are gaps. For an LF track whose HF track is not known it is empty.
+    DEC-003: The full band of a channel with an HF track MUST be delivered only for ticks that both tracks cover; the others are gaps. For an LF track whose HF track is not known it is empty. Gaps are not filled with values. Where an output cannot leave them out, it marks them by NaN or a mask.
     """
     clean = samples(residual_file)
     for bad in flips(residual_file, HF_TRACK):

@@ -71,7 +71,7 @@ def test_a_subset_of_everything_is_the_same_file(name: str) -> None:
 def test_a_subset_reads_as_the_whole_does(
     name: str, data: st.DataObject, a: Fraction, b: Fraction
 ) -> None:
-    """EDT-002: An editor MUST copy packets bit for bit, each as a whole, except the channel numbers in events. It may cut a packet at a sample on request: the new packet decodes to the same values, under the same description. To all times that it takes from a file it adds one number of seconds, whole ticks of every track."""
+    """EDT-002: An editor MUST copy packets bit for bit, each as a whole, except the channel numbers in events. It may cut a packet at a sample on request: the new packet decodes to the same values, under the same description. To all times that it takes from a file it adds one number of seconds, whole ticks of every track. Where ticks move, it moves a known epoch by the same time, and drops the UUID, which names one recording on one time line."""
     file = made(name)
     start, stop = min(a, b), max(a, b) + Fraction(1, 50)
     with hapfmt.Reader(file) as reader:

@@ -174,7 +174,7 @@ class TestRefusals:
 
 
 class TestChunks:
-    """EDT-005: Under the new track ids, an editor MUST keep attachments but [overviews](overview.md), clock chunks, and chunks of unknown types that are safe to copy. The ticks of clock chunks move with their tracks. It leaves out other chunks of unknown types, and clock chunks of a track that it leaves out."""
+    """EDT-005: Under the new track ids, an editor MUST keep attachments but [overviews](overview.md), clock chunks, and chunks of unknown types that are safe to copy. The ticks of clock chunks move with their tracks. It leaves out other chunks of unknown types, and clock chunks of a track that it leaves out. It loses no member of the metadata: where files differ in one, the later ones get other names. It keeps a digest only if the new file contains every packet of its track, and no others, at the same ticks."""
 
     def test_unknown_ones_by_their_letters(self) -> None:
         data = two_tracks(
@@ -316,7 +316,7 @@ class TestDescriptions:
 
 
 class TestTimes:
-    """EDT-008: Where ticks move, an editor MUST move a known epoch by the same time. It drops the UUID, which names one recording on one time line."""
+    """EDT-002: An editor MUST copy packets bit for bit, each as a whole, except the channel numbers in events. It may cut a packet at a sample on request: the new packet decodes to the same values, under the same description. To all times that it takes from a file it adds one number of seconds, whole ticks of every track. Where ticks move, it moves a known epoch by the same time, and drops the UUID, which names one recording on one time line."""
 
     def test_offsets(self) -> None:
         one, two = made("lossless"), made("lossless", 1, uuid=None)
@@ -389,7 +389,7 @@ class TestTimes:
 
 
 class TestDigests:
-    """EDT-007: An editor MUST NOT keep a digest unless the new file contains every packet of its track, and no others, at the same ticks."""
+    """EDT-005: Under the new track ids, an editor MUST keep attachments but [overviews](overview.md), clock chunks, and chunks of unknown types that are safe to copy. The ticks of clock chunks move with their tracks. It leaves out other chunks of unknown types, and clock chunks of a track that it leaves out. It loses no member of the metadata: where files differ in one, the later ones get other names. It keeps a digest only if the new file contains every packet of its track, and no others, at the same ticks."""
 
     def test_of_what_is_kept_as_a_whole(self) -> None:
         data = made("paper step")
@@ -428,7 +428,7 @@ class TestDigests:
 
 
 class TestMetadata:
-    """EDT-009: Members of the metadata MUST NOT be lost; where files differ in one, an editor gives the later ones other names."""
+    """EDT-005: Under the new track ids, an editor MUST keep attachments but [overviews](overview.md), clock chunks, and chunks of unknown types that are safe to copy. The ticks of clock chunks move with their tracks. It leaves out other chunks of unknown types, and clock chunks of a track that it leaves out. It loses no member of the metadata: where files differ in one, the later ones get other names. It keeps a digest only if the new file contains every packet of its track, and no others, at the same ticks."""
 
     @given(st.lists(metadata, max_size=4))
     def test_of_several_files(self, parts: list[dict[str, Any]]) -> None:

@@ -49,7 +49,7 @@ def noise(size: int, width: int = 300, seed: int = 1) -> np.ndarray:
 class TestAnyRecording:
     @given(recordings(), encoder_settings())
     def test_comes_back_and_keeps_its_promises(self, recording, settings):
-        """DBC-002: With flag *guaranteed*, every sample MUST keep the contract: for each component `|x - y| * kd <= max(kn * |x - zero|, floor * kd)`. The vector form is the same with Euclidean norms over the components, compared by their squares, and the floor of the first component."""
+        """DBC-002: With flag *guaranteed*, every sample MUST keep the contract: for each component `|x - y| * kd <= max(kn * |x - zero|, floor * kd)`. The vector form is the same with Euclidean norms over the components, compared by their squares, and the floor of the first component. A verifier that is given x checks this with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right."""
         data = encoded(recording, settings)
         report = hapfmt.verify(data, against=recording)
         assert report.verdict == "intact", (report.error, report.findings)

@@ -167,7 +167,7 @@ class TestSections:
     @given(rows, bits, st.data())
     def test_mutated(self, row, marks, data):
         """
-        RNG-001: After the last symbol every state MUST be 65536. The words, the first states included, and the raw bits MUST take up all coded bytes. Bits left over between them are 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the block, or outside blocks with the number, that takes more than there is.
+        RNG-001: After the last symbol every state MUST be 65536. The first states, the words, and the raw bits, filled to whole bytes with bits 0, MUST take up exactly the coded bytes. What is read beyond the coded bytes is 0; a decoder stops at the latest after the batch, or outside batches after the integer or bit, that takes more than there is.
         RNG-003: The magnitude u of an integer by class or by bits MUST be less than 2^34. Its k by bits is at most 35.
         """
         whole, p, way, signs, many = coded(row, marks)

@@ -84,8 +84,8 @@ def test_tlv(fault):
 @each("TRK")
 def test_tracks(fault):
     """
-    TRK-002: There MUST be at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1; both numbers of the rate are less than 2^32. All tracks of a chunk together have at most 255 components.
-    TRK-003: Track ids MUST be at most 65533, and a track MUST be described once. A repeated `TRAK` chunk has the same payload, byte for byte.
+    TRK-002: A chunk MUST describe at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1; both numbers of the rate are less than 2^32. All tracks of a chunk together have at most 255 components.
+    TRK-003: Track ids MUST be at most 65533, and a track MUST be described once. A further `TRAK` chunk with the same first track has the same payload, byte for byte.
     TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 12).
     TRK-006: A track whose number format is not counts MUST be of kind full band, with codec `RAWB`. Its count_min and count_max are 0, and it has no calibration and no contract.
     TRK-007: `linked` of an HF track MUST name its base track, an LF track described before it. Both have the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
@@ -93,7 +93,7 @@ def test_tracks(fault):
     TRK-012: In a closed file every track of kind LF MUST be the base of an HF track. An LF part alone is of kind full band.
     TRK-010: Channel numbers MUST be at most 65534, and different for different components; only HF tracks and continued tracks share them. In a closed file they are 0, 1, 2 ... without a hole.
     TRK-016: A track that another continues MUST be of kind full band or LF, described before it under a smaller id, and continued only once. Both have the same component count, channel numbers, rate (as a ratio), number format, and in each component calibration (A, B, D) and unit. All packets of the continued track come before those of the other, in time and within the file. The same order applies to their HF tracks.
-    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min, count_max, `first_channel` and `linked` 0. Of the TLVs of 6.2 it has only 2, 14 and 22. No other kind has that codec.
+    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min, count_max, `first_channel` and `linked` 0. Of the TLVs of clause 8 it has only 2, 14 and 22. No other kind has that codec.
     """
     assert_reported(fault)
 
@@ -117,9 +117,9 @@ def test_clusters(fault):
 @each("IDX", "FOT")
 def test_index_and_footer(fault):
     """
-    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
+    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it. For a `DATA` chunk `start_ms` is at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
     IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
-    IDX-006: For a `DATA` chunk `start_ms` MUST be at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
+    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it. For a `DATA` chunk `start_ms` is at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
     FOT-001: The payload MUST be as long as the layout.
     FOT-002: `index_distance` MUST be as the table says. In a `fOOT` that closes the file `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     """
@@ -171,7 +171,7 @@ def test_quantised(fault):
 @each("RNG", "LPC")
 def test_predicted(fault):
     """
-    RNG-001: After the last symbol every state MUST be 65536. The words, the first states included, and the raw bits MUST take up all coded bytes. Bits left over between them are 0. What lies before the first or behind the last coded byte is 0; a decoder stops at the latest with the block, or outside blocks with the number, that takes more than there is.
+    RNG-001: After the last symbol every state MUST be 65536. The first states, the words, and the raw bits, filled to whole bytes with bits 0, MUST take up exactly the coded bytes. What is read beyond the coded bytes is 0; a decoder stops at the latest after the batch, or outside batches after the integer or bit, that takes more than there is.
     RNG-003: The magnitude u of an integer by class or by bits MUST be less than 2^34. Its k by bits is at most 35.
     RNG-004: What a packet says of how its symbols are coded MUST be whole. Bits without a meaning MUST be 0, no probability 0, and a start byte at most 163. In a table of lengths n is at least 1, and `first` + n at most 64. At least one weight is more than 0. No x has more than 32 probabilities of ranks (9.7).
     LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them.
@@ -188,8 +188,7 @@ def test_predicted(fault):
 @each("KTE")
 def test_coded_knots(fault):
     """
-    KTE-002: Where it is present, f MUST be at least 1 and less than `span`.
-    KTE-004: Every tick MUST be less than `span` minus the number of knots that follow it.
+    KTE-004: Every tick MUST be less than `span` minus the number of knots that follow it. Where it is present, f is at least 1 and less than `span`.
     """
     assert_reported(fault)
 
@@ -199,8 +198,7 @@ def test_exact(fault):
     """
     EXA-001: A track of codec `LPCX` MUST be of kind full band, without contract and without deviation.
     EXA-002: `rule` MUST be at most 4. `digits` is 1 to 15 with rule 2, else 0, `terms` 1 to 16 with rule 4, else 0. Coefficients and weights are finite and of a magnitude below 2^900. `a` is a component that is decoded before, or the component itself with a `lag` of at least 1.
-    EXA-003: The counts MUST end within the packet and lie within the declared range of their track: lossless counts are never clamped. The parts fit the packet: their sizes are together at most what follows them.
-    EXA-004: Undefined flags MUST be 0, and z at most 63.
+    EXA-003: The counts MUST end within the packet and lie within the declared range of their track: lossless counts are never clamped. The parts fit the packet: their sizes are together at most what follows them. Undefined flags are 0, and z at most 63.
     """
     assert_reported(fault)
 
@@ -209,8 +207,8 @@ def test_exact(fault):
 def test_noise(fault):
     """
     NOI-001: A track of codec `NOIS` MUST be of kind full band or HF, and have no contract.
-    NOI-003: `shift` MUST be 3 to 12, and a block, `intervals` times 2^shift, have at least 64 ticks.
-    NOI-004: The component packets MUST fit the packet: their sizes are together at most what follows them.
+    NOI-003: `shift` MUST be 3 to 12, and a frame, `intervals` times 2^shift, have at least 64 ticks.
+    LPC-001: The component packets MUST fit the packet: their sizes are together at most what follows them.
     NOI-005: m MUST be at most 32, and a component packet contain all that is before its coded bytes.
     NOI-006: Every gain index MUST be 0 to 112, and every coefficient -127 to 127.
     """

@@ -65,7 +65,7 @@ def told(data, **asked):
 
 class TestLayer:
     """
-    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min, count_max, `first_channel` and `linked` 0. Of the TLVs of 6.2 it has only 2, 14 and 22. No other kind has that codec.
+    TRK-019: A track of kind events MUST have codec `EVNT`, one component, number format counts, count_min, count_max, `first_channel` and `linked` 0. Of the TLVs of clause 8 it has only 2, 14 and 22. No other kind has that codec.
     EVT-003: `size` and `channel` MUST be at most 65535. In a closed file `channel` is 0 or that of an existing channel, which only verifiers check.
     """
 
@@ -289,7 +289,7 @@ class TestDamage:
 
     def test_a_damaged_packet_is_lost_alone(self):
         """
-        REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (14.2) names.
+        REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` names.
         """
         for text, other in ((b"first", "second"), (b"second", "first")):
             data = bytearray(self.TWO)

@@ -85,7 +85,7 @@ def cases(data: bytes, kind: str) -> Iterator[bytes]:
 @either("step", 97, deep=1 if PROFILE == "nightly" else 11)
 def test_every_single_fault(name, kind, step):
     """
-    VRD-001: A program that reads hapf files MUST end with the code of this clause.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause. Programs that inspect, verify or recover files work on files with unknown critical parts as far as these are understood.
     REC-001: A reader MUST NOT deliver a sample from a packet whose CRC differs, nor from a chunk whose header CRC or file id differs.
     REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode, exact values too. Track id, start, span and bytes stay the same.
     """

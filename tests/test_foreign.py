@@ -90,7 +90,7 @@ def values(data: bytes, **given) -> list[int]:
 
 class TestChoice:
     """
-    REC-013: A reader MUST take the file id that `identify` gives, unless its caller names another. It reports each other id that `walk` meets, with both ids.
+    REC-013: A reader MUST take the file id that `identify` gives, unless its caller names another. It reports each other id that `walk` meets, with both ids. Every way to read a file takes the same id: whole, in part, by an index, or while it grows. An index is used only where `HEAD` and `last` of `identify` have the same id.
     """
 
     def test_most_bytes_choose(self):
@@ -146,7 +146,7 @@ def viewer():
 @either("count", 60, deep=2000)
 def test_every_way_to_read_agrees(count, viewer, tmp_path):
     """
-    REC-014: Every way to read a file MUST take the same file id: whole, in part, by an index, or while it grows. A reader uses an index only where `HEAD` and `last` of `identify` have the same id.
+    REC-013: A reader MUST take the file id that `identify` gives, unless its caller names another. It reports each other id that `walk` meets, with both ids. Every way to read a file takes the same id: whole, in part, by an index, or while it grows. An index is used only where `HEAD` and `last` of `identify` have the same id.
     """
     told = Counter()
     for seed in range(count):

@@ -64,7 +64,7 @@ WRITING = {"decode": "b.npz", "convert": "b.npz", "encode": "b.hapf", "recover":
 @pytest.mark.parametrize("verb", ["info", "verify", "du", "dump", "clocks", *WRITING])
 def test_every_verb_has_the_option(verb, tmp_path):
     """
-    VRD-001: A program that reads hapf files MUST end with the code of this clause.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause. Programs that inspect, verify or recover files work on files with unknown critical parts as far as these are understood.
     """
     path, out = tmp_path / "a.hapf", tmp_path / WRITING.get(verb, "none")
     path.write_bytes(f.minimal())

@@ -1,4 +1,4 @@
-"""Clause 14.2: which samples damage took, and no more than that."""
+"""Procedure `lost`: which samples damage took, and no more than that."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ STEADY = file_of(*[[row(track, start) for track in range(3)] for start in (0, 4,
 @pytest.mark.parametrize("cluster", range(3))
 def test_a_damaged_packet_costs_its_own_track(cluster, track):
     """
-    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (14.2) names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` names.
     REC-012: A damage report MUST name every missing sample, by a span of its track or of one that its channel needs.
     """
     body = payload_of(STEADY, "DATA", cluster) + TABLE + 5 * track

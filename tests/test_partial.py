@@ -159,7 +159,7 @@ def hidden(cluster: int, row: int) -> bytes:
 )
 def test_a_row_that_hides_is_reported(cluster, row, channel):
     """
-    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (14.2) names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` names.
     """
     bad = hidden(cluster, row)
     with Reader(bad) as reader:
@@ -373,7 +373,7 @@ def test_events_beside_samples():
 @pytest.mark.parametrize("name", ["uncommon/last-tick", "limits/tick-2-to-48-of-years"])
 def test_times_beyond_those_of_an_index(name):
     """
-    IDX-006: For a `DATA` chunk `start_ms` MUST be at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
+    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it. For a `DATA` chunk `start_ms` is at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
     """
     path = ROOT / "conformance" / "vectors" / f"{name}.hapf"
     whole = hapfmt.read(path)

@@ -118,7 +118,7 @@ class TestBands:
     )
     def test_ticks_that_both_cover(self, lf_at, hf_at, both):
         """
-        DEC-003: The full band of a channel with an HF track MUST be delivered only for ticks that both tracks cover; the others are gaps. For an LF track whose HF track is not known it is empty.
+        DEC-003: The full band of a channel with an HF track MUST be delivered only for ticks that both tracks cover; the others are gaps. For an LF track whose HF track is not known it is empty. Gaps are not filled with values. Where an output cannot leave them out, it marks them by NaN or a mask.
         """
         hf = {4: b"\x18", 2: b"\x10"}[hf_at[1]]
         data = pair(f.svarint(5), hf, lf_at=lf_at, hf_at=hf_at)
@@ -146,7 +146,7 @@ class TestBands:
 
 class TestGaps:
     """
-    DEC-004: A decoder MUST NOT fill gaps with values. Where an output cannot leave them out, it marks them by NaN or a mask.
+    DEC-003: The full band of a channel with an HF track MUST be delivered only for ticks that both tracks cover; the others are gaps. For an LF track whose HF track is not known it is empty. Gaps are not filled with values. Where an output cannot leave them out, it marks them by NaN or a mask.
     """
 
     DATA = f.closed(
@@ -331,7 +331,7 @@ class TestDecodedOnly:
 def test_files_that_are_written_are_intact(recording, settings):
     """
     CHK-005: `sequence` MUST be 0 in the first chunk and greater by one in each next chunk.
-    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it.
+    IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it. For a `DATA` chunk `start_ms` is at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
     FOT-002: `index_distance` MUST be as the table says. In a `fOOT` that closes the file `duration_ns` is the end of the latest packet of any track, rounded up, at most the largest i64; 0 without packets.
     DGS-003: A digest MUST be that of exactly the packets of its track in chunks before it, by sequence numbers.
     """

@@ -92,7 +92,7 @@ def test_an_intact_file_comes_back_the_same():
 def test_any_damage_of_any_file(recording, settings, band, data):
     """
     REC-006: A recovered file MUST contain exactly the packets that a reader delivers through damage and that decode, exact values too. Track id, start, span and bytes stay the same.
-    DEC-004: A decoder MUST NOT fill gaps with values. Where an output cannot leave them out, it marks them by NaN or a mask.
+    DEC-003: The full band of a channel with an HF track MUST be delivered only for ticks that both tracks cover; the others are gaps. For an LF track whose HF track is not known it is empty. Gaps are not filled with values. Where an output cannot leave them out, it marks them by NaN or a mask.
     """
     out = io.BytesIO()
     hapfmt.write(recording, out, settings, canonical=f.FILE_ID)
@@ -214,7 +214,7 @@ class TestLostDescriptions:
 
 def test_digests():
     """
-    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept.
+    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept. It reports all losses, and mentions them in the member `notes` of the metadata.
     """
     x = np.arange(100)
     channels = (hapfmt.Channel(x, 1000, label="a"), hapfmt.Channel(x * x, 1000, label="b"))
@@ -241,7 +241,7 @@ def test_a_digest_that_differs_is_told():
 
 class TestOtherChunks:
     """
-    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept.
+    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept. It reports all losses, and mentions them in the member `notes` of the metadata.
     """
 
     def kept(self, data: bytes) -> list[str]:
@@ -277,7 +277,7 @@ class TestOtherChunks:
 
     def test_unknown_critical_parts_stay_unsupported(self):
         """
-        VRD-003: Programs that inspect, verify or recover files MUST work on files with unknown critical parts as far as these are understood.
+        VRD-001: A program that reads hapf files MUST end with the code of this clause. Programs that inspect, verify or recover files work on files with unknown critical parts as far as these are understood.
         """
         data = f.minimal(("ABCD", b"what"))
         good, done = recovered(data)
@@ -288,7 +288,7 @@ class TestOtherChunks:
 
 def test_a_track_with_an_unknown_codec_is_copied():
     """
-    VRD-003: Programs that inspect, verify or recover files MUST work on files with unknown critical parts as far as these are understood.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause. Programs that inspect, verify or recover files work on files with unknown critical parts as far as these are understood.
     """
     unknown = ("TRAK", f.trak(codec=b"xNEW", first_channel=1, first=1))
     cluster = ("DATA", f.cluster((0, 0, 4, f.KNOT_DATA), (1, 0, 4, b"what")))
@@ -313,7 +313,7 @@ def test_unknown_versions_are_refused(changes, tmp_path):
 
 def test_what_was_lost_is_noted():
     """
-    REC-011: A recoverer MUST report all losses, and mention them in the member `notes` of the metadata.
+    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept. It reports all losses, and mentions them in the member `notes` of the metadata.
     """
     data = f.minimal()
     good, done = recovered(flipped(data, payload_of(data, "DATA") + 9))

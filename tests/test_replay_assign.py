@@ -79,7 +79,7 @@ def test_words(text, words):
 
 class TestWords:
     """
-    PLY-012: A channel MUST NOT drive an actuator unless the user assigned it, or its label, body site or axis names that actuator. Then the channel names no other actuator, and no other played channel names this one.
+    PLY-012: A channel MUST NOT drive an actuator unless the user assigned it, or its label, body site or axis names that actuator. Then the channel names no other actuator, and no other played channel names this one. No text is taken for the name of an actuator if one of its words is not known. Words are known that are in the actuator's name or body site, those that name hands, fingers and axes, and a few neutral ones.
     """
 
     @pytest.mark.parametrize(
@@ -193,7 +193,7 @@ class TestLaws:
     )
     def test_a_label_with_an_unknown_word_drives_nothing(self, words, odd, at, actuators):
         """
-        PLY-014: A player MUST NOT take a text for the name of an actuator if one of its words is not known. Words are known that are in the actuator's name or body site, those that name hands, fingers and axes, and a few neutral ones.
+        PLY-012: A channel MUST NOT drive an actuator unless the user assigned it, or its label, body site or axis names that actuator. Then the channel names no other actuator, and no other played channel names this one. No text is taken for the name of an actuator if one of its words is not known. Words are known that are in the actuator's name or body site, those that name hands, fingers and axes, and a few neutral ones.
         """
         profile = with_sites(*zip(*actuators, strict=True))
         if {odd} & {*WORDS, *LISTED}:

@@ -46,7 +46,7 @@ SIGNALS = [signal.Signals[x] for x in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr
 
 
 def test_signals(tmp_path, constant):
-    """PLY-007: However it ends, as far as it still runs, a player MUST send the neutral frame last, several times."""
+    """PLY-007: However it ends, as far as it still runs, a player MUST send the neutral frame last, several times. It does not write to a device again once a write failed because the device is gone."""
     devices = [(glove(serial=f"SN{number}"), ()) for number in SIGNALS]
     with world(devices=devices) as w:
         running = rd.together(w, constant, rd.patient(tmp_path))
@@ -106,7 +106,7 @@ class TestDevice:
 
     def test_it_goes(self, tmp_path, constant):
         """
-        PLY-015: A player MUST NOT write to a device again once a write failed because the device is gone.
+        PLY-007: However it ends, as far as it still runs, a player MUST send the neutral frame last, several times. It does not write to a device again once a write failed because the device is gone.
         """
         with world(faults=[Fault("unplug", at=300)]) as w:
             done = rd.replay(w, constant, profile=rd.patient(tmp_path)).wait()
@@ -137,7 +137,7 @@ class TestDevice:
             rd.check_constant(w.reports)
 
     def test_it_stalls_for_longer_than_the_hold(self, tmp_path, constant):
-        """PLY-006: A player that comes later to a frame than the profile allows MUST ramp to rest and stop."""
+        """PLY-005: A player MUST NOT send a frame before its time, twice, or out of order; it skips a frame that is a period late or more and sends the one that is due. If it comes later to a frame than the profile allows, it ramps to rest and stops."""
         with world(faults=[Fault("stall", at=60, ms=HOLD_MS + 30)]) as w:
             profile = rd.patient(tmp_path, hold_ms=HOLD_MS)
             report = rd.told(rd.replay(w, constant, profile=profile).wait())

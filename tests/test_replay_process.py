@@ -131,7 +131,7 @@ def check_rest(got: list[Line], *, ramped: bool = True) -> None:
 
 
 class TestEnds:
-    """PLY-007: However it ends, as far as it still runs, a player MUST send the neutral frame last, several times."""
+    """PLY-007: However it ends, as far as it still runs, a player MUST send the neutral frame last, several times. It does not write to a device again once a write failed because the device is gone."""
 
     def test_clean(self, file):
         report = played(file)

@@ -54,8 +54,7 @@ class TestEverySampleIsWhatThePageSays:
     )
     def test_values_and_coverage(self, recording, settings, band, rate, speed, data):
         """
-        PLY-009: For sample n of a replay a player MUST send the value of the channel at `start + n * speed / rate` seconds of the recording. Here rate is that of the device; the time is an exact rational number.
-        PLY-010: A player MUST treat a channel as known at a time t exactly where it covers tick `floor(t * rate)` with a finite value. Here rate is that of the channel.
+        PLY-009: For sample n of a replay a player MUST send the value of the channel at `start + n * speed / rate` seconds of the recording. Here rate is that of the device; the time is an exact rational number. It treats the channel as known at a time t exactly where it covers tick `floor(t * rate)` with a finite value; here rate is that of the channel.
         """
         assume(any(channel.stored.size for channel in recording.channels))
         widest = max(channel.rate_exact for channel in recording.channels) * speed / rate

@@ -614,7 +614,7 @@ class TestLossOfSignal:
 
 
 class TestTime:
-    """PLY-005: A player MUST NOT send a frame before its time, twice, or out of order; it skips a frame that is a period late or more and sends the one that is due."""
+    """PLY-005: A player MUST NOT send a frame before its time, twice, or out of order; it skips a frame that is a period late or more and sends the one that is due. If it comes later to a frame than the profile allows, it ramps to rest and stops."""
 
     def test_never_early_never_twice(self):
         schedule = started(np.ones(9))
@@ -661,7 +661,7 @@ class TestTime:
 
 
 class TestLate:
-    """PLY-006: A player that comes later to a frame than the profile allows MUST ramp to rest and stop."""
+    """PLY-005: A player MUST NOT send a frame before its time, twice, or out of order; it skips a frame that is a period late or more and sends the one that is due. If it comes later to a frame than the profile allows, it ramps to rest and stops."""
 
     @pytest.mark.parametrize("stall_ns", [20 * MS + 1, 3600 * 10**9, 10**20])
     def test_from_a_force_that_was_held(self, stall_ns):

@@ -46,7 +46,7 @@ def hf(tlvs=f.HOLD, **fields):
 @given(strategies.described())
 def test_comes_back(tracks):
     """
-    TRK-002: There MUST be at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1; both numbers of the rate are less than 2^32. All tracks of a chunk together have at most 255 components.
+    TRK-002: A chunk MUST describe at least one track, and `component_count`, `rate_num`, `rate_den` be at least 1; both numbers of the rate are less than 2^32. All tracks of a chunk together have at most 255 components.
     TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 12).
     VAL-001: D MUST be at least 1, A MUST NOT be 0, and `|A|` and `|B|` are less than 2^52. For every count of the declared range of the track `|count * A|` and `|count * A + B|` are at most 2^53; for those of its HF track `|count * A|` is.
     TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
@@ -247,7 +247,7 @@ class TestResiduals:
 
 class TestCopies:
     """
-    TRK-003: Track ids MUST be at most 65533, and a track MUST be described once. A repeated `TRAK` chunk has the same payload, byte for byte.
+    TRK-003: Track ids MUST be at most 65533, and a track MUST be described once. A further `TRAK` chunk with the same first track has the same payload, byte for byte.
     """
 
     def test_equal(self):

@@ -106,7 +106,7 @@ def recovered(data: bytes) -> tuple[int, str]:
 @pytest.mark.parametrize("case", sample(COMMITTED))
 def test_committed(case):
     """
-    VRD-001: A program that reads hapf files MUST end with the code of this clause.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause. Programs that inspect, verify or recover files work on files with unknown critical parts as far as these are understood.
     LIM-001: A file MUST keep the limits of its level, unknown chunks too.
     """
     place = f"{case['set']}/{case['name']}"
@@ -194,7 +194,7 @@ def test_what_is_unknown_comes_before_a_broken_rule():
 )
 def test_what_recover_leaves_out_is_reported(chunk):
     """
-    REC-011: A recoverer MUST report all losses, and mention them in the member `notes` of the metadata.
+    REC-010: A recoverer MUST copy intact metadata, attachments but [overviews](overview.md), clock chunks, and intact chunks of unknown types that are critical or safe to copy. It copies other unknown chunks only from a file without damage, and digests only of what it kept. It reports all losses, and mentions them in the member `notes` of the metadata.
     """
     layer = ("TRAK", f.layer(first=1))
     out = io.BytesIO()

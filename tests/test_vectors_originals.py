@@ -16,7 +16,7 @@ CASES = list(originals.cases())
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_promises(case, tmp_path):
     """
-    DBC-003: A verifier that is given x MUST check the contract with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right.
+    DBC-002: With flag *guaranteed*, every sample MUST keep the contract: for each component `|x - y| * kd <= max(kn * |x - zero|, floor * kd)`. The vector form is the same with Euclidean norms over the components, compared by their squares, and the floor of the first component. A verifier that is given x checks this with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right.
     DBC-004: A channel without a contract MUST be stored without loss: its full band equals the counts, the raw numbers, or with exact values (9.7) the numbers of the source.
     TLV-006: Every source value MUST be at most `largest` away from the physical value of its count. Without a deviation it is equal to it, or the track has exact values (9.7).
     """

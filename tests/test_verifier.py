@@ -47,7 +47,7 @@ DAMAGED = ("mETa", b"{}", {"crc": 0})
 )
 def test_verdicts(more, verdict, code):
     """
-    VRD-001: A program that reads hapf files MUST end with the code of this clause.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause. Programs that inspect, verify or recover files work on files with unknown critical parts as far as these are understood.
     """
     report = verify(f.minimal(*more))
     assert (report.verdict, report.exit_code) == (verdict, code)
@@ -69,7 +69,7 @@ def test_a_version_of_the_future_is_not_judged():
 
 def test_parts_that_are_understood():
     """
-    VRD-003: Programs that inspect, verify or recover files MUST work on files with unknown critical parts as far as these are understood.
+    VRD-001: A program that reads hapf files MUST end with the code of this clause. Programs that inspect, verify or recover files work on files with unknown critical parts as far as these are understood.
     """
     report = verify(f.minimal(UNKNOWN, ("aaaa", b"")))
     assert report.unknown == ["XXXX", "aaaa"]
@@ -112,7 +112,7 @@ FIVES = slow_digest([[5]] * 4, 4, True, [(0, 4)])
 class TestDigests:
     """
     DGS-001: Whole digests MUST follow the track id, one at least, and fill the payload. The tracks are described before it; none is of kind events, since events may be added to a closed file.
-    DGS-002: A verifier MUST report a digest that differs from the one it computes. Of several for one track the last one counts. None is compared where the track may lack data (14.2), or where a rule is broken in a file without damage.
+    DGS-002: A verifier MUST report a digest that differs from the one it computes. Of several for one track the last one counts. None is compared where the track may lack data, or where a rule is broken in a file without damage.
     """
 
     def test_true(self):
@@ -180,10 +180,10 @@ def recorded(x: np.ndarray) -> Recording:
 
 class TestContracts:
     """
-    DBC-002: With flag *guaranteed*, every sample MUST keep the contract: for each component `|x - y| * kd <= max(kn * |x - zero|, floor * kd)`. The vector form is the same with Euclidean norms over the components, compared by their squares, and the floor of the first component.
+    DBC-002: With flag *guaranteed*, every sample MUST keep the contract: for each component `|x - y| * kd <= max(kn * |x - zero|, floor * kd)`. The vector form is the same with Euclidean norms over the components, compared by their squares, and the floor of the first component. A verifier that is given x checks this with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right.
     DBC-004: A channel without a contract MUST be stored without loss: its full band equals the counts, the raw numbers, or with exact values (9.7) the numbers of the source.
     TLV-006: Every source value MUST be at most `largest` away from the physical value of its count. Without a deviation it is equal to it, or the track has exact values (9.7).
-    DBC-003: A verifier that is given x MUST check the contract with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right.
+    DBC-002: With flag *guaranteed*, every sample MUST keep the contract: for each component `|x - y| * kd <= max(kn * |x - zero|, floor * kd)`. The vector form is the same with Euclidean norms over the components, compared by their squares, and the floor of the first component. A verifier that is given x checks this with exact arithmetic. It reports the number of samples outside and the worst ratio of the left side to the right.
     """
 
     @strategies.idle_settings

@@ -175,7 +175,7 @@ def test_any_bytes(data):
 @given(damaged(DATA))
 def test_every_byte_is_a_chunk_or_reported(data):
     """
-    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` (14.2) names.
+    REC-003: A reader that goes on after damage MUST report every stretch of bytes that was lost, and every span that `lost` names.
     """
     chunks, findings = fast_walk(data)
     covered = bytearray(len(data))

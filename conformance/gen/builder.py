@@ -195,12 +195,14 @@ def cluster(packets: list[Packet], file_id: int, sequence: int) -> list[Field]:
     return fields
 
 
-def listing(fields: list[Field]) -> str:
-    """Lines of offset, bytes, meaning; long fields continue below."""
+def listing(fields: list[Field], first: int = 0, stop: int | None = None) -> str:
+    """Lines of offset, bytes, meaning, from the offset ``first`` up to ``stop``; long fields
+    continue below."""
     lines = []
     offset = 0
     for data, meaning in fields:
-        for at in range(0, max(len(data), 1), COLUMNS):
+        shown = first <= offset and (stop is None or offset < stop)
+        for at in range(0, max(len(data), 1) if shown else 0, COLUMNS):
             part = " ".join(f"{byte:02X}" for byte in data[at : at + COLUMNS])
             lines.append(f"{offset + at:06X}  {part:<47}  {meaning if at == 0 else ''}".rstrip())
         offset += len(data)

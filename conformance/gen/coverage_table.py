@@ -32,10 +32,10 @@ REASONS = {
     "ATT-002": "a reader that stores attachments: the verbs of an adapter store none",
     "NOI-002": "a program for people: the verbs of an adapter print, convert and play nothing",
     "WRT-001": "review: shows only in what a kill leaves; run.py cuts what encoders wrote",
-    **{f"WRT-00{n}": NO_APPEND for n in (6, 7)},
-    **{f"EDT-00{n}": NO_EDITOR for n in range(1, 10)},
-    **{f"OVW-00{n}": NO_VIEWER for n in range(1, 10)},
-    **{f"PLY-{n:03}": NO_PLAYER for n in range(1, 16)},
+    "WRT-006": NO_APPEND,
+    **{f"EDT-00{n}": NO_EDITOR for n in range(1, 7)},
+    **{f"OVW-00{n}": NO_VIEWER for n in (1, 2, 3, 5, 7, 9)},
+    **{f"PLY-{n:03}": NO_PLAYER for n in (*range(1, 6), *range(7, 10), *range(11, 14))},
 }
 """Why no vector and no component can show it."""
 

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import deflate
 import forge
+import packet_rows
 import page_exact
 import page_knots_coded
 import page_noise
@@ -75,7 +76,8 @@ def track(codec: str, *, low: int = 0, high: int = 255, range_notes: tuple[str, 
     """A description; ``tlvs`` are (type, what it is, value)."""
     counted = "one TLV" if len(tlvs) == 1 else f"{len(tlvs)} TLVs"
     wide = "one component" if components == 1 else f"{components} components"
-    linked = "linked to no track" if base is None else f"1 + base: track {base}"
+    what = "base" if kind == 2 else "track that it continues"
+    linked = "linked to no track" if base is None else f"1 + {what}: track {base}"
     notes = range_notes or (f"lowest count {low}", f"highest count {high}")
     out = [
         u8(kind | number_format << 4, f"{KINDS[kind]}, {FORMATS[number_format]}"),
@@ -89,9 +91,9 @@ def track(codec: str, *, low: int = 0, high: int = 255, range_notes: tuple[str, 
         varint(0 if base is None else 1 + base, linked),
         u8(len(tlvs), counted),
     ]
-    for type_, what, value in tlvs:
+    for type_, about, value in tlvs:
         size = len(joined(value))
-        out += [varint(type_, f"TLV {type_}, {what}"), varint(size, f"{size} bytes"), *value]
+        out += [varint(type_, f"TLV {type_}, {about}"), varint(size, f"{size} bytes"), *value]
     return out
 
 
@@ -249,6 +251,23 @@ def marks() -> Example:
 `EVNT`), and a clock that was observed twice. The events are 'go' at 1.5 ms, and 'µm' of channel
 0 from 2 to 3 ms."""
     return Example(f, note, {"0": [span(0, 1, 1, 1, 1)], "events": found, "clock": seen})
+
+
+def continued() -> Example:
+    f = File(0x0000000F, brief=True)
+    f.head()
+    rest = track("KNOT", tlvs=[knots()])
+    one = [u8(1, "one byte per number"), raw(bytes(3), "reserved")]
+    busy = track("RAWB", low=-100, high=100, base=0, tlvs=[(1, "codec parameters", one)])
+    f.chunk("TRAK", plain(rest, busy))
+    words = [u8(0, "stored"), raw(bytes([9, 256 - 7, 5]), "9, -7, 5")]
+    rows = [(0, 0, [svarint(8, "a single knot: constant 8")], 4), (1, 4, words, 3)]
+    f.cluster(rows, (0, 7 * MS))
+    f.close()
+    note = """A channel in two tracks, one after the other: at rest in `KNOT`, then in `RAWB` with
+another range. Track 1 continues track 0, so it has its channel, rate, calibration and unit. The
+channel is 8 8 8 8 9 -7 5, one span."""
+    return Example(f, note, {"0": [span(0, 8, 8, 8, 8, 9, -7, 5)]})
 
 
 def quantised() -> Example:
@@ -553,7 +572,7 @@ values of channel 1 are {" ".join(map(repr, y))}; their corrections are {shown(a
 def synthetic() -> Example:
     f = File(0x0000000D, brief=True)
     f.head()
-    model = [u8(3, "intervals of 2^3 ticks"), u8(8, "8 intervals in a block")]
+    model = [u8(3, "intervals of 2^3 ticks"), u8(8, "8 intervals in a frame")]
     slow = track("KNOT", kind=1, low=-100, high=100, tlvs=[knots()])
     fast = track("NOIS", kind=2, low=-100, high=100, base=0, tlvs=[(1, "codec parameters", model)])
     f.chunk("TRAK", plain(slow, fast))
@@ -600,7 +619,7 @@ def described() -> Example:
         svarint(1, "A = 1"), svarint(-500, "B = -500"), varint(1000, "D = 1000"),
     ]  # fmt: skip
     contract = [
-        varint(10, "kd = 10"), varint(1, "kn = 1"), u8(2, "guaranteed, each component alone"),
+        varint(1, "kn = 1"), varint(10, "kd = 10"), u8(2, "guaranteed, each component alone"),
         varint(5, "floor 5"), svarint(0, "zero 0"), varint(8, "floor 8"), svarint(500, "zero 500"),
     ]  # fmt: skip
     deviation = [
@@ -733,6 +752,7 @@ MAKERS: dict[str, Callable[[], Example]] = {
     "hold": hold,
     "residual": residual,
     "marks": marks,
+    "continued": continued,
     "quantised": quantised,
     "raw": raws,
     "coded": coded,
@@ -749,11 +769,22 @@ MAKERS: dict[str, Callable[[], Example]] = {
 
 HEADER = """# Worked examples
 
-Each listing is a whole file of `conformance/examples/`: offset, bytes, meaning. After the first
-example a chunk header is one field of 32 bytes. The `.json` of the same name has what the file
-decodes to. `conformance/gen/examples.py` makes this page and the files, and
-`tests/test_examples.py` compares them with a reader.
+Each listing is a file of `conformance/examples/`: offset, bytes, meaning. After the first example a
+chunk header is one field of 32 bytes, and signature, `HEAD` and the last `fOOT` are left out. The
+`.json` of the same name has what the file decodes to. `conformance/gen/examples.py` makes this page
+and the files, and `tests/test_examples.py` compares them with a reader.
 """
+
+
+BEGINNING, FOOTER = 43, 44
+"""Bytes of signature and HEAD, and of fOOT."""
+
+
+def ends_of(file: File) -> tuple[int, int]:
+    """Where a listing begins and ends."""
+    if not file.brief:
+        return 0, file.offset
+    return BEGINNING * (file.offsets["TRAK"] == BEGINNING), file.offset - FOOTER
 
 
 def text() -> str:
@@ -766,11 +797,11 @@ def text() -> str:
             textwrap.fill(example.note, 110, break_long_words=False, break_on_hyphens=False),
             "",
             "```",
-            listing(example.file.fields),
+            listing(example.file.fields, *ends_of(example.file)),
             "```",
             "",
         ]
-    return "\n".join([*parts, PACKETS.read_text("utf-8")])
+    return "\n".join([*parts, PACKETS.read_text("utf-8")]) + packet_rows.text()
 
 
 def outputs() -> dict[Path, bytes]:

@@ -78,7 +78,7 @@ def deviation(declared: float, largest: float) -> bytes:
 
 def deadband(kn: int = 1, kd: int = 10, flags: int = 0, entries=((1, 0),)) -> bytes:
     pairs = (varint(floor) + svarint(zero) for floor, zero in entries)
-    return varint(kd) + varint(kn) + bytes([flags]) + b"".join(pairs)
+    return varint(kn) + varint(kd) + bytes([flags]) + b"".join(pairs)
 
 
 def knot_parameters(interpolation: int = 0, step: int = 1, *, coding: int = 0, grid: int = 0,

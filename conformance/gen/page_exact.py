@@ -134,7 +134,7 @@ def decode_exact(rest: bytes, counts, affine, rule: int, digits: int, c=()) -> l
 def moves(rest: bytes, counts) -> list[int]:
     """The corrections of a part, times 2^z."""
     if len(rest) < 2 or rest[0] > 3 or rest[1] > 63:
-        raise BrokenRule("EXA-004")
+        raise BrokenRule("EXA-003")
     (flags, z), at, p = rest[:2], 2, None
     if flags % 2:
         p = []

@@ -18,7 +18,7 @@ def decode_knots(data: bytes, linear: bool, span: int, width: int, last: int):
         return [(0, first)]
     f, at = varint(data, at)
     if not 1 <= f < span:
-        raise BrokenRule("KTE-002")
+        raise BrokenRule("KTE-004")
     coder = Coder(data[at:])
     ticks = code_by_bits(coder, f - linear, False)
     steps = code_by_bits(coder, f * width, True)

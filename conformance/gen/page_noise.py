@@ -142,7 +142,7 @@ def decode(part: bytes, shift: int, intervals: int, span: int) -> list[int]:
 
 def decode_packet(data: bytes, shift: int, intervals: int, span: int, count: int):
     """The counts of ``count`` components."""
-    return [decode(part, shift, intervals, span) for part in split_parts(data, count, "NOI-004")]
+    return [decode(part, shift, intervals, span) for part in split_parts(data, count, "LPC-001")]
 
 
 def encode(gains, blocks, intervals, *, density=0, seed=1, ways=((0, 12), (0, 12)), states=1):

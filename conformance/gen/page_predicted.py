@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from math import pi, sin
 from pathlib import Path
 
 from page_coding import (
@@ -17,7 +18,7 @@ from page_numbers import BrokenRule, rdiv, signed, svarint_bytes, varint, varint
 
 TEXT = (Path(__file__).resolve().parent.parent.parent / "SPEC.md").read_text(encoding="utf-8")
 ANNEX_C = TEXT[TEXT.index("## Annex C") :]
-K = [int(number) for number in re.findall(r"\d+", ANNEX_C.split("```")[1])]
+K = [round(32768 * sin(pi * k / 256)) for k in range(128)]
 """The sine table."""
 
 DIGEST = re.search(r"`([0-9a-f]{64})`", ANNEX_C)[1]

@@ -281,7 +281,7 @@ def decode_of(*tracks: Track, layers: Sequence[Layer] = (), **more: Any) -> dict
 
 
 def digest(track: Track, packets: Sequence[Packet] | None = None) -> bytes:
-    """Of the packets of a track, all unless told which, as dGST has it (6.9)."""
+    """Of the packets of a track, all unless told which, as dGST has it (11.5)."""
     part = replace(track, packets=track.packets if packets is None else packets)
     exact, rows = part.exact(), part.rows()
     size = 8 if exact else {"counts": 4, "binary16": 2, "binary32": 4}.get(track.number_format, 8)

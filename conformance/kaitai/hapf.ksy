@@ -468,12 +468,12 @@ types:
         type: u1
         doc: Components of the track.
     seq:
-      - id: kd
-        type: varint
-        doc: Denominator of the Weber fraction.
       - id: kn
         type: varint
         doc: Numerator of the Weber fraction.
+      - id: kd
+        type: varint
+        doc: Denominator of the Weber fraction.
       - id: flags
         type: u1
         doc: Bit 0 vector form, bit 1 guaranteed; others 0.
@@ -612,7 +612,7 @@ types:
         doc: The text.
   indx:
     doc: A list of chunks, with the times of clusters.
-    doc-ref: SPEC.md 6.5
+    doc-ref: SPEC.md 11.1
     seq:
       - id: previous
         type: u8
@@ -648,7 +648,7 @@ types:
         doc: End of the latest packet, rounded up, minus start_ms.
   foot:
     doc: Where the index is; the file was closed.
-    doc-ref: SPEC.md 6.6
+    doc-ref: SPEC.md 11.2
     seq:
       - id: index_distance
         type: u4
@@ -657,7 +657,7 @@ types:
         type: u8
         doc: End of the latest packet, rounded up.
   meta:
-    doc-ref: SPEC.md 6.7
+    doc-ref: SPEC.md 11.3
     seq:
       - id: json
         type: str
@@ -665,7 +665,7 @@ types:
         doc: One JSON object.
   attc:
     doc: An attachment.
-    doc-ref: SPEC.md 6.8
+    doc-ref: SPEC.md 11.4
     seq:
       - id: name_size
         type: u1
@@ -686,7 +686,7 @@ types:
         doc: The attached file.
   dgst:
     doc: Digests of a track and of those that follow it.
-    doc-ref: SPEC.md 6.9
+    doc-ref: SPEC.md 11.5
     seq:
       - id: track
         type: varint
@@ -697,7 +697,7 @@ types:
         doc: SHA-256 of the canonical decode of one track.
   clok:
     doc: Observations of another clock.
-    doc-ref: SPEC.md 6.10
+    doc-ref: SPEC.md 11.6
     seq:
       - id: track
         type: varint
@@ -739,7 +739,7 @@ types:
         doc: At most so much too early or too late; 0 means not known.
   cmap:
     doc: A map from ticks to the time of another clock.
-    doc-ref: SPEC.md 6.10
+    doc-ref: SPEC.md 11.6
     seq:
       - id: track
         type: varint

@@ -191,7 +191,7 @@ def calibrations(c: Cursor, _: Plain) -> Plain:
 
 
 def contract(c: Cursor, track: Plain) -> Plain:
-    out: Plain = {"kd": c.varint(), "kn": c.varint(), "flags": c.u8()}
+    out: Plain = {"kn": c.varint(), "kd": c.varint(), "flags": c.u8()}
     rows = c.times(track["component_count"], lambda c: {"floor": c.varint(), "zero": c.svarint()})
     return out | {"components": rows}
 

@@ -97,7 +97,7 @@ MUTANTS = (
     mutant(
         "zeros-into-gaps",
         "Gaps are filled with zeros.",
-        "DEC-004",
+        "DEC-003",
         Edit(
             "reading.decoder:Decoded.add",
             "append_span(self.spans, Span(start, start + len(numbers)))",

@@ -90,13 +90,13 @@ MUTANTS = (
     recoverer(
         "recover-says-nothing",
         "The metadata of a recovered file does not say what happened.",
-        "REC-011",
+        "REC-010",
         Edit(f"{COPY}.run", "if done.findings or done.exit_code == DAMAGED:", "if False:"),
     ),
     recoverer(
         "recover-exit-0",
         "Recovery ends with 0 whatever was lost.",
-        "VRD-001 REC-011",
+        "VRD-001 REC-010",
         Edit(f"{COPY}.run", "done.exit_code = DAMAGED", "done.exit_code = 0"),
     ),
     recoverer(
@@ -125,7 +125,7 @@ MUTANTS = (
     encoder(
         "index-times-short",
         "The index rounds the end of a cluster down.",
-        "IDX-006",
+        "IDX-002",
         Edit(f"{WRITER}.data", "ceil_ms(stop)", "floor_ms(stop)"),
     ),
     encoder(

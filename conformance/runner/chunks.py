@@ -1,5 +1,5 @@
-"""The container of a file without damage, as far as an index is checked against it (SPEC 5, 6.5,
-6.6)."""
+"""The container of a file without damage, as far as an index is checked against it (SPEC 5, 11.1,
+11.2)."""
 
 from __future__ import annotations
 

@@ -237,7 +237,7 @@ def told_differences(
     wanted: dict[str, Any], code: int, found: dict[str, Any], parts: Sequence[str]
 ) -> list[Difference]:
     """Types of unknown chunks that came along, and how many notes there are at least: one where
-    something was lost (REC-011)."""
+    something was lost (REC-010)."""
     out = []
     types = sorted(row[0] for row in found.get("unknown", []))
     if "unknown" in parts and sorted(wanted.get("unknown", types)) != types:

@@ -1,6 +1,6 @@
 """Files that are read part by part: their version, their first and last ticks, and any part.
 
-An index knows the times of clusters to the millisecond (SPEC 6.5). The tables of the first and the
+An index knows the times of clusters to the millisecond (SPEC 11.1). The tables of the first and the
 last clusters tell the ticks.
 """
 

@@ -897,7 +897,7 @@ def open_parts(
 
 def matched(parts: Parts, name: str, format_: str | None, limits: Limits, **given: Any) -> Parts:
     """The channels of the file ``name`` that belong to those of ``parts``: of the same places, as
-    in ``verify`` (SPEC DBC-003)."""
+    in ``verify`` (SPEC DBC-002)."""
     numbers = [channel.number for channel in parts.channels]
     try:
         return open_parts(name, format_, limits, numbers=numbers, **given)

@@ -381,7 +381,7 @@ def decode_moves(rest: bytes, counts: Counts, at: int) -> Counts:
     if not rest:
         return np.zeros(counts.size, np.int64)
     if len(rest) < 2 or rest[0] & ~(RECALL | FOUR_STATES) or rest[1] >= LENGTHS:
-        raise FormatError("corrections that are not defined", requirement="EXA-004", offset=at)
+        raise FormatError("corrections that are not defined", requirement="EXA-003", offset=at)
     ids = ids_of(counts) if rest[0] & RECALL else None
     loop = decode_loop if compiled is None else decode_compiled
     return loop(rest, ids, counts.size, at) << rest[1]

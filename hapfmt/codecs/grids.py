@@ -1,4 +1,4 @@
-"""Grids of counts: uniform grids, and the grids of a deadband (SPEC 9.5)."""
+"""Grids of counts: uniform grids, and the grids of a deadband (SPEC 9.1)."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def levels_of(grid: LpcParameters, bound: int) -> NDArray[np.int64] | bytes:
 
 @lru_cache(maxsize=32)
 def deadband_levels(grid: LpcParameters, bound: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """y(i) and top(y(i)) of SPEC 9.5 for i = 0 ... N; a top without bound is ``bound``.
+    """y(i) and top(y(i)) of SPEC 9.1 for i = 0 ... N; a top without bound is ``bound``.
 
     At most 8813 of them: steps of 1 up to kd / kn, and from there on by a factor of 1 + 2 kn / kd.
     """

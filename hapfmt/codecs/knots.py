@@ -276,7 +276,7 @@ def parse_start(
     further, coded = parse_varint(data, position, offset)
     if not 0 < further < span:
         raise FormatError(
-            "more knots than ticks, or none", requirement="KTE-002", offset=offset + position
+            "more knots than ticks, or none", requirement="KTE-004", offset=offset + position
         )
     return row, further, coded
 

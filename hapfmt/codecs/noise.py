@@ -263,7 +263,7 @@ def decode_within(
     """The packet ``data`` at ``offset`` as counts [span, components], clamped (DEC-001)."""
     places = parts_of(data, count, offset)
     if places is None:
-        raise FormatError("models larger than their packet", requirement="NOI-004", offset=offset)
+        raise FormatError("models larger than their packet", requirement="LPC-001", offset=offset)
     out = np.empty((count, span), np.int32)
     for row, (start, end) in zip(out, places, strict=True):
         decode_component(data[start:end], parameters, offset + start, low, high, row)

@@ -1,8 +1,8 @@
 """Additions to an existing file, in place or in a copy; everything already in it stays unchanged.
 
 * Events (SPEC 9.9).
-* Attached files, and their extraction (SPEC 6.8).
-* Members of the metadata (SPEC 6.7).
+* Attached files, and their extraction (SPEC 11.4).
+* Members of the metadata (SPEC 11.3).
 """
 
 from __future__ import annotations

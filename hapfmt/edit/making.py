@@ -4,7 +4,7 @@ It notes what it keeps and what it leaves out. A damaged original is refused.
 
 * The plan of each track: its new id, channel numbers and description, and its shift in time.
 * A slow part, or a residual, that becomes a channel of its own (SPEC TRK-012, EDT-006).
-* Chunks of clocks whose tracks move in time (SPEC 6.10).
+* Chunks of clocks whose tracks move in time (SPEC 11.6).
 * Events whose channels get other numbers, or are left out (SPEC 9.9, EDT-003).
 * The metadata of several files, combined without loss.
 """
@@ -728,7 +728,7 @@ def another(head: Head, shift: Fraction) -> Head:
 
 
 def with_note(metadata: Mapping[str, Any], text: str) -> dict[str, Any]:
-    """The member ``notes`` tells what happened (SPEC 6.7)."""
+    """The member ``notes`` tells what happened (SPEC 11.3)."""
     notes = metadata.get("notes", [])
     known = notes if isinstance(notes, list) else [notes]
     return {**metadata, "notes": [*known, text]}

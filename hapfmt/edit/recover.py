@@ -251,7 +251,7 @@ class Extras:
 
 
 def write_note(catalogue: Catalogue, writer: FileWriter, note: str) -> None:
-    """The member ``notes`` of the metadata, with one more text (SPEC 6.7)."""
+    """The member ``notes`` of the metadata, with one more text (SPEC 11.3)."""
     found = catalogue.metadata.get("notes", [])
     before = found if isinstance(found, list) else [found]
     notes = [text if isinstance(text, str) else json.dumps(text) for text in before]

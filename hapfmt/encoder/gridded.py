@@ -1,6 +1,6 @@
 """Floating point channels to counts, as their promise allows: which grid, and its cost in bits.
 
-It chooses the grid (SPEC 9.5) that keeps a bound, and the index for each count.
+It chooses the grid (SPEC 9.1) that keeps a bound, and the index for each count.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def nearest_uniform(x: Indices, grid: LpcParameters) -> Indices:
 
 
 def nearest_level(x: Indices, grid: LpcParameters) -> Indices:
-    """The index whose cell holds each count: cells end at top(y) of SPEC 9.5."""
+    """The index whose cell holds each count: cells end at top(y) of SPEC 9.1."""
     c = x - grid.zero
     _, tops = deadband_levels(grid, int(np.abs(c).max()))
     cells: Indices = np.searchsorted(tops, np.abs(c)).astype(np.int64)

@@ -1,8 +1,8 @@
 """Payloads that decoding never needs: metadata, attachments, clocks, indexes and the FOOT.
 
-mETa holds metadata and aTTc an attachment (SPEC 6.7, 6.8). cLOk holds observations of another
-clock, and cMAp a map to its time (SPEC 6.10). iNDX and fOOT say where the chunks are (SPEC 6.5,
-6.6); they are hints and never trusted.
+mETa holds metadata and aTTc an attachment (SPEC 11.3, 11.4). cLOk holds observations of another
+clock, and cMAp a map to its time (SPEC 11.6). iNDX and fOOT say where the chunks are (SPEC 11.1,
+11.2); they are hints and never trusted.
 """
 
 from __future__ import annotations
@@ -459,7 +459,7 @@ def parse_digests(payload: bytes, offset: int) -> dict[int, tuple[int, bytes]]:
 
 
 def check_listing(index: Index, own_offset: int, chunks: Sequence[IndexEntry], offset: int) -> None:
-    """IDX-002 and IDX-006 against all chunks of the file, in order of their offsets."""
+    """IDX-002 against all chunks of the file, in order of their offsets."""
     start = bisect_left(chunks, index.previous, key=lambda chunk: chunk.offset)
     stop = bisect_left(chunks, own_offset, key=lambda chunk: chunk.offset)
     expected = chunks[start:stop]
@@ -467,7 +467,7 @@ def check_listing(index: Index, own_offset: int, chunks: Sequence[IndexEntry], o
         if (listed.type, listed.offset) != (found.type, found.offset):
             break
         if listed.start_ms > found.start_ms or listed.stop_ms < found.stop_ms:
-            raise FormatError("index times miss samples", requirement="IDX-006", offset=offset)
+            raise FormatError("index times miss samples", requirement="IDX-002", offset=offset)
     else:
         if len(expected) == len(index.entries):
             if index.first_sequence != start:

@@ -141,7 +141,7 @@ COVERED_SPAN = Layout(
     Field("start", "u64", "first tick"),
     Field("ticks", "u64", "number of ticks"),
 )
-"""One span of the coverage in a digest (SPEC 6.9)."""
+"""One span of the coverage in a digest (SPEC 11.5)."""
 
 INDEX = Layout(
     Field("previous", "u64", "offset of the iNDX chunk that the list begins with; 0: none"),
@@ -185,7 +185,7 @@ LPCX_TERM = Layout(
 
 NOIS_PARAMETERS = Layout(
     Field("shift", "u8", "an interval has 2^shift ticks"),
-    Field("intervals", "u8", "intervals of a block"),
+    Field("intervals", "u8", "intervals of a frame"),
 )
 
 OVERVIEW_END = Layout(

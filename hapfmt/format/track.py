@@ -289,7 +289,7 @@ class TrackTable:
 
     def drop_strangers(self) -> list[FormatError]:
         """In a damaged file: drops tracks that do not fit those that are left with smaller ids
-        (SPEC 14.1)."""
+        (SPEC 14.2)."""
         dropped: list[FormatError] = []
         last: dict[int, Track] = {}
         owned: set[int] = set()
@@ -374,7 +374,7 @@ VECTOR, GUARANTEED = 1, 2
 
 def build_contract(contract: Contract) -> bytes:
     flags = contract.vector * VECTOR | contract.guaranteed * GUARANTEED
-    out = build_varint(contract.kd) + build_varint(contract.kn) + bytes([flags])
+    out = build_varint(contract.kn) + build_varint(contract.kd) + bytes([flags])
     for floor, zero in zip(contract.floor, contract.zero, strict=True):
         out += build_varint(floor) + build_svarint(zero)
     return out
@@ -382,8 +382,8 @@ def build_contract(contract: Contract) -> bytes:
 
 def parse_contract(value: bytes, offset: int, size: int) -> Contract:
     """The error bounds of a track with ``size`` components."""
-    kd, position = parse_varint(value, 0, offset)
-    kn, position = parse_varint(value, position, offset)
+    kn, position = parse_varint(value, 0, offset)
+    kd, position = parse_varint(value, position, offset)
     if position == len(value):
         raise TruncatedError(
             "a list ends within an entry", requirement="TLV-004", offset=offset + position

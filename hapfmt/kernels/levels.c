@@ -1,4 +1,4 @@
-/* Grids of counts (SPEC 9.5): the levels of a deadband, up to 8813 of them, and the counts of a uniform
+/* Grids of counts (SPEC 9.1): the levels of a deadband, up to 8813 of them, and the counts of a uniform
    one, clamped. The readable twins are deadband_levels of hapfmt/codecs/grids.py, and decode_within of
    predicted.py. Widths of levels: below the bound, 2^32, times 2^16. */
 #include "kernels.h"

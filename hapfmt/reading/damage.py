@@ -1,7 +1,7 @@
 """The damage report: findings in a file and the spans that are lost (docs/spec/recovery.md).
 
 The lost spans of each track follow from the packets around the damage and from the index. The
-indexes also show which DATA chunks a damaged file has lost, and their times (SPEC 14.2).
+indexes also show which DATA chunks a damaged file has lost, and their times.
 """
 
 from __future__ import annotations
@@ -329,8 +329,8 @@ class DamageReport:
     def losses(self) -> list[str]:
         """For people: equal losses in one line, with channels and seconds.
 
-        An index gives times in milliseconds, and the end of a track is unknown (SPEC 14.2). So a
-        span may begin where the recording ends, as far as the file tells: it is left out here.
+        An index gives times in milliseconds, and the end of a track is unknown. So a span may begin
+        where the recording ends, as far as the file tells: it is left out here.
         """
         channels = by_track(self.catalogue)
         undescribed: set[int] = set()

@@ -1,6 +1,6 @@
 """Packets -> decoded pieces of tracks -> channels, part by part; and the checksum of a track.
 
-SPEC 6.3, 6.9, clauses 9 and 10. A piece has the numbers or events of one packet, cut to the
+SPEC 6.3, 11.5, clauses 9 and 10. A piece has the numbers or events of one packet, cut to the
 requested ticks.
 """
 
@@ -192,7 +192,7 @@ class TrackDecoder:
 
 
 class TrackDigest:
-    """SHA-256 of a track's canonical decode (SPEC 6.9), packet by packet in order of time."""
+    """SHA-256 of a track's canonical decode (SPEC 11.5), packet by packet in order of time."""
 
     def __init__(self) -> None:
         self.numbers = hashlib.sha256()
@@ -229,7 +229,7 @@ class DecodedPiece(NamedTuple):
 
     @property
     def digested(self) -> NDArray[Any]:
-        """The numbers that a digest is taken of (SPEC 6.9)."""
+        """The numbers that a digest is taken of (SPEC 11.5)."""
         return self.numbers if self.exact is None else self.exact
 
 

@@ -173,7 +173,7 @@ class Follower(Closing):
         if first is None or not first.intact:
             return False
         self.first_id = first.header.file_id
-        # A spliced file may be that of another id: every reader takes the same (REC-014).
+        # A spliced file may be that of another id: every reader takes the same (REC-013).
         self.file_id = self.catalogue.file_id = identify(self.source)
         return True
 

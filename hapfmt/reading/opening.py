@@ -1,6 +1,6 @@
-"""Opens a file by its index, or by walking through it (SPEC 6.5 and clause 14).
+"""Opens a file by its index, or by walking through it (SPEC 11.1 and clause 14).
 
-The module also reads the chain of indexes (SPEC 6.5), and the facts that appending to a file needs.
+The module also reads the chain of indexes, and the facts that appending to a file needs.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def copied_payloads(source: ByteSource, entries: Sequence[IndexEntry]) -> set[in
 MS = 10**6
 """Nanoseconds."""
 LAST_MS, FAR_NS = (1 << 53) - 1, 1 << 128
-"""A time of an index that may be any later one (IDX-006), and a time after every packet."""
+"""A time of an index that may be any later one (IDX-002), and a time after every packet."""
 LATER = frozenset({"DATA", "aTTc", "dGST", "cLOk", "cMAp", "iNDX", "fOOT"})
 """Chunks that are read on request only, or that the last index makes superfluous."""
 BACK = INDEX_EVERY + 2 * LEVELS[2].payload_size
@@ -166,7 +166,7 @@ def from_foot(source: ByteSource, chunk: Chunk, limits: Limits) -> Catalogue | N
     offset = index_before(source, catalogue.foot)
     index = header_at(source, offset, file_id) if offset >= FIRST_OFFSET else None
     if index is None or offset + HEADER_SIZE + index.payload_size != chunk.offset:
-        # A file without an index right before its footer is read in order (SPEC 6.5).
+        # A file without an index right before its footer is read in order (SPEC 11.1).
         return None
     if not learn_listed(catalogue, offset, file_id):
         return None

@@ -124,14 +124,14 @@ def build_part(low: Codes, high: Codes) -> bytes:
 
 def parse_part(data: bytes, bins: int, offset: int) -> tuple[Codes, Codes]:
     """Lowest and highest codes, [bins] each, of the part at ``offset``."""
-    raw = np.frombuffer(inflate(data, 4 * bins, "OVW-006", offset), np.uint8).astype(np.uint16)
+    raw = np.frombuffer(inflate(data, 4 * bins, "OVW-003", offset), np.uint8).astype(np.uint16)
     planes = raw.reshape(4, bins)
     a, b = planes[0] + (planes[1] << 8), planes[2] + (planes[3] << 8)
     lowest = np.cumsum(a, dtype=np.uint16)
     low, high = lowest.view(np.int16), (lowest + b).view(np.int16)
     if np.any(low > high) or np.any((low == EMPTY) != (high == EMPTY)):
         raise FormatError(
-            "a bin of the overview ends below its begin", requirement="OVW-006", offset=offset
+            "a bin of the overview ends below its begin", requirement="OVW-003", offset=offset
         )
     return low, high
 
@@ -157,7 +157,7 @@ class Overview:
         size = OVERVIEW_CHANNEL.size * end.channel_count + OVERVIEW_PART.size * end.part_count
         if size > at - start:
             raise FormatError(
-                "the table of the overview is cut short", requirement="OVW-004", offset=at
+                "the table of the overview is cut short", requirement="OVW-003", offset=at
             )
         table = source.read_at(at - size, size)
         if zlib.crc32(table) != end.table_crc:
@@ -177,20 +177,20 @@ class Overview:
         if expected * OVERVIEW_PART.size != len(table):
             raise FormatError(
                 "another number of parts than the channels have",
-                requirement="OVW-004",
+                requirement="OVW-003",
                 offset=stop,
             )
         parts, at = {}, self.start
         for number, (place, level, block, _) in enumerate(layout_of(self.channels, self.base)):
             size, crc = OVERVIEW_PART.read(table, number * OVERVIEW_PART.size)
             if not size:
-                raise FormatError("an empty part", requirement="OVW-004", offset=stop)
+                raise FormatError("an empty part", requirement="OVW-003", offset=stop)
             parts[place, level, block] = OverviewPart(place, level, block, at, size, crc)
             at += size
         if at != stop:
             raise FormatError(
                 "the parts of the overview do not end at its table",
-                requirement="OVW-004",
+                requirement="OVW-003",
                 offset=stop,
             )
         return parts
@@ -258,7 +258,7 @@ def read_rows(table: bytes, count: int, offset: int) -> Iterator[OverviewChannel
 def overview_of(catalogue: Catalogue) -> Overview | None:
     """The overview of the file, that of the most chunks if it has several; None without one.
 
-    One that breaks a rule counts as none (OVW-008).
+    One that breaks a rule counts as none (OVW-007).
     """
     best: Overview | None = None
     numbers = {ref.number for ref in catalogue.channels}

@@ -1,6 +1,6 @@
 """File -> recording: reads only the requested channels, times and bands, in order or by index.
 
-The decoded numbers are compared with the stored checksums of tracks (dGST, SPEC 6.9).
+The decoded numbers are compared with the stored checksums of tracks (dGST, SPEC 11.5).
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class DigestCheck:
 
 
 def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
-    """The last digest of each track and its offset (SPEC 6.9)."""
+    """The last digest of each track and its offset (SPEC 11.5)."""
     found: dict[int, tuple[int, bytes]] = {}
     # In a damaged file the description of a track may be lost; a recoverer of an undamaged one
     # reports a digest of no track, since it leaves it out.

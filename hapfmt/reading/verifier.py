@@ -138,7 +138,7 @@ class SamplePair:
 
 
 def check_contracts(reader: Reader, against: Recording) -> list[ContractCheck]:
-    """Each channel of the file against the channel of the same place in ``against`` (DBC-003),
+    """Each channel of the file against the channel of the same place in ``against`` (DBC-002),
     track by track where one continues another."""
     refs = reader.channels
     if len(refs) != len(against):

@@ -111,7 +111,7 @@ def open_append(
     """Lock a file and append at its end, whether it was closed or not.
 
     Where writing stopped within a chunk, or left bytes that are no chunk, the end is repaired first
-    (SPEC WRT-007): whole packets are kept, the rest is cut off and reported. A closed file is read
+    (SPEC WRT-006): whole packets are kept, the rest is cut off and reported. A closed file is read
     by its index: damage to its payloads shows when they are read. ``clock``: as for a FileWriter.
 
     Raises ParameterError where another program writes the file, where it is damaged elsewhere, or

@@ -388,7 +388,7 @@ def clusters(
 
 
 def digests_of(encoded: Encoded) -> dict[int, bytes]:
-    """SHA-256 of what the decoder makes of each track (SPEC 6.9)."""
+    """SHA-256 of what the decoder makes of each track (SPEC 11.5)."""
     decoders = {track.id: TrackDecoder(track, encoded.level) for track in encoded.tracks}
     found = {track.id: TrackDigest() for track in encoded.tracks}
     for packet in encoded.packets:

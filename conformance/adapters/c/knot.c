@@ -458,7 +458,7 @@ static void knots(const Track *track, Bytes in, int64_t span, int64_t *counts) {
     for (int c = 0; c < width; c++) count[c] = count_of(track, index[c] = svarint(&in));
     if (track->coding && in.at < in.end) {
         left = varint(&in);
-        if (left < 1 || left >= span) stop(NONCONFORMING, "how many knots [KTE-002]");
+        if (left < 1 || left >= span) stop(NONCONFORMING, "how many knots [KTE-004]");
         further = left;
         rows = room_for(NULL, (size_t)(further * (width + 1)), sizeof *rows);
         coded_rows(in, further - track->linear, further * width, rows);

@@ -38,8 +38,8 @@ function deadbandOf(job, calibration) {
   if (kn < 0 || kd < 1 || kn >= 65536 || kd >= 65536 || floor >= 2 ** 32) refuse('a contract beyond its limits');
   const zero = Math.max(-(2 ** 31), Math.min(2 ** 31 - 1, Math.round(-calibration.B / calibration.A))) || 0;
   const contract = [];
-  putVarint(contract, kd);
   putVarint(contract, kn);
+  putVarint(contract, kd);
   contract.push(job.guaranteed ? 2 : 0);
   putVarint(contract, floor);
   putSvarint(contract, zero);

@@ -1,4 +1,4 @@
-"""Clauses 6.10 and 7: chunks of clocks, maps in both directions, ticks of a time range."""
+"""Clauses 11.6 and 7: chunks of clocks, maps in both directions, ticks of a time range."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def chunks() -> Component:
     ]
     return Component(
         "clock-chunks",
-        "6.10",
+        "11.6",
         ("CLK-001", "CLK-003", "CNV-004"),
         "Payloads of cLOk and their tracks (null: none), observations as [tick, time_ns, "
         "uncertainty_ns], and of cMAp, points as [tick, time_ns].",
@@ -172,7 +172,7 @@ def maps() -> Component:
         )
     return Component(
         "clock-maps",
-        "6.10",
+        "11.6",
         ("CLK-006", "CNV-001"),
         "Maps as points [tick, time_ns]: `times_of_ticks` as [tick, time], `ticks_of_times` as "
         "[time, "

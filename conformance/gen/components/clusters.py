@@ -1,4 +1,4 @@
-"""Clauses 6.4 and 6.9: tables of packets, digests of tracks."""
+"""Clauses 6.4 and 11.5: tables of packets, digests of tracks."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def digests() -> Component:
     ]
     return Component(
         "digest",
-        "6.9",
+        "11.5",
         ("DGS-002", "DGS-003"),
         "Digests of a track from its packets: `rows` has the numbers of each tick (words as "
         "unsigned "

@@ -1,4 +1,4 @@
-"""Clause 11: samples outside a deadband, and how far; clause 6.2: deviations rounded up."""
+"""Clause 11: samples outside a deadband, and how far; clause 8: deviations rounded up."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def contracts() -> Component:
         for name, x, y, kn, kd, floor, zero, vector in rows
     ]  # fmt: skip
     return Component(
-        "contract", "11", ("DBC-002", "DBC-003"),
+        "contract", "11", ("DBC-002",),
         "Counts x of the source and y of the reconstruction, a row for each component. "
         "`outside`: the "
         "ticks that break the contract, and `worst_squared` the largest ratio of the left side "

@@ -243,7 +243,7 @@ def packets() -> Component:
     return Component(
         "lpcx",
         "9.7",
-        ("EXA-003", "EXA-004", "EXA-006", "RNG-001", "RNG-004"),
+        ("EXA-003", "EXA-006", "RNG-001", "RNG-004"),
         "Packets of LPCX: the counts, and the exact values as the bits of binary64. With `error` "
         "and "
         "`counts` the counts are given all the same (EXA-006).",

@@ -214,7 +214,7 @@ def coded_knots() -> Component:
     return Component(
         "coded-knots",
         "9.6",
-        ("KTE-002", "KTE-004", "LPC-003", "RNG-001", "RNG-003", "CNV-001", "COD-001"),
+        ("KTE-004", "LPC-003", "RNG-001", "RNG-003", "CNV-001", "COD-001"),
         "Packets of KNOT with entropy coding, on the uniform grid of step 1 and zero 0 at level "
         "1: knots as [tick, [index of each component]], and where the span is short the counts of "
         "each component.",

@@ -150,7 +150,7 @@ def packets() -> Component:
     return Component(
         "nois",
         "9.10",
-        ("NOI-004", "NOI-005", "NOI-006", "RNG-001", "RNG-004", "CNV-001"),
+        ("LPC-001", "NOI-005", "NOI-006", "RNG-001", "RNG-004", "CNV-001"),
         "Packets of NOIS: the counts of each component.",
         [packet(*row) for row in rows],
     )

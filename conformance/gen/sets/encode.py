@@ -154,7 +154,7 @@ def shapes() -> Iterator[Case]:
     yield job(
         "between-milliseconds", "1024 ticks a second: clusters begin and end between milliseconds.",
         [channel(fine, rate=(1024, 1), spans=[[1, 3001]])], cluster_s=[1, 9],
-        requirements=["IDX-006", "FOT-002"],
+        requirements=["IDX-002", "FOT-002"],
     )  # fmt: skip
     many = [
         channel(wander(f"many {n}", 60, 3, -90, 90), label=f"taxel {n}", calibration=(1, n, 10))

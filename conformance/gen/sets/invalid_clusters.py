@@ -1,4 +1,4 @@
-"""SPEC 6.4 to 6.6 and 8: clusters, index and footer, calibrations and contracts."""
+"""SPEC 6.4, 8, 11.1 and 11.2: clusters, index and footer, calibrations and contracts."""
 
 from __future__ import annotations
 
@@ -136,9 +136,9 @@ INDEXES = [
      second_index(), KEPT),
     ("index-counts-from-1", "IDX-002", "An index of all chunks counts them from 1 on.",
      listing(*RIGHT, first=1), KEPT),
-    ("index-starts-too-late", "IDX-006", "An index says that DATA starts at 1 ms, not at 0.",
+    ("index-starts-too-late", "IDX-002", "An index says that DATA starts at 1 ms, not at 0.",
      listing(*RIGHT[:2], ("DATA", DATA_AT, 1, LATE)), KEPT),
-    ("index-stops-too-early", "IDX-006", "An index says that DATA ends at 3 ms, not at 4.",
+    ("index-stops-too-early", "IDX-002", "An index says that DATA ends at 3 ms, not at 4.",
      listing(*RIGHT[:2], ("DATA", DATA_AT, 0, 3)), KEPT),
 ]  # fmt: skip
 

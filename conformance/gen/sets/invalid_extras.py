@@ -1,4 +1,4 @@
-"""SPEC 6.7 to 6.10 and 9.9: metadata, attachments, digests, clocks, events."""
+"""SPEC 11.3 to 11.6 and 9.9: metadata, attachments, digests, clocks, events."""
 
 from __future__ import annotations
 

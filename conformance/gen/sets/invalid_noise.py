@@ -51,9 +51,9 @@ PARAMETERS = [
 ]  # fmt: skip
 
 PACKETS = [
-    ("noise-past-the-packet", "NOI-004", "The first component is larger than the packet.",
+    ("noise-past-the-packet", "LPC-001", "The first component is larger than the packet.",
      noise(b"\1", width=2)),
-    ("noise-size-missing", ("CNV-002", "NOI-004"), "The size of the first component is missing.",
+    ("noise-size-missing", ("CNV-002", "LPC-001"), "The size of the first component is missing.",
      noise(b"", width=2), None, 2),
     ("noise-order-33", "NOI-005", "The prediction order is 33.", noise(changed(0, 33))),
     ("noise-head-cut-short", "NOI-005", "A component packet ends within its codings.",

@@ -210,7 +210,7 @@ PROMISES = [
     ("noise-of-2-to-22-ticks", ("RNG-001", "NOI-006", "RNG-003"),
      "A packet of four coded bytes gives 2^22 ticks of noise.",
      packed(b"NOIS", f.nois_parameters(), b"\x20\0\1\0\0\0\x28\0\0\0\0" + b"\xff" * 4, 2**22)),
-    ("noise-components-of-2-to-64-bytes", "NOI-004", "254 components promise 2^60 bytes and some.",
+    ("noise-components-of-2-to-64-bytes", "LPC-001", "254 components promise 2^60 bytes and some.",
      packed(b"NOIS", f.nois_parameters(), f.varint(LARGE) * 254, 1, component_count=255)),
     ("exact-of-2-to-53-bytes", "EXA-003", "The counts of LPCX promise 2^53 - 1 bytes.",
      packed(b"LPCX", f.lpcx_parameters(), f.varint(LARGE) + b"\x10\0\x0A")),

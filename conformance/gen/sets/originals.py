@@ -70,33 +70,33 @@ PLAIN = f.closed(HEAD, TRACK, DATA)
 # name, rule, about, file, channels of the original, exit code, samples outside of each channel,
 # and the worst ratio where binary64 holds it
 PROMISES = [
-    ("floor-kept", "DBC-003", "Errors of the floor, 4 counts, are inside.",
+    ("floor-kept", "DBC-002", "Errors of the floor, 4 counts, are inside.",
      constants(100, kd=100, floor=4), [source([96, 104, 100, 98])], 0, [0], 1.0),
     ("floor-broken", "DBC-002", "One error is 6 counts, the floor 4.",
      constants(100, kd=100, floor=4), [source([96, 106, 100, 98])], 3, [1], 1.5),
-    ("fraction-of-the-original", "DBC-003", "A tenth is that of the original: 111 is near to 100.",
+    ("fraction-of-the-original", "DBC-002", "A tenth is that of the original: 111 is near to 100.",
      constants(100), [source([111, 91, 105, 95])], 0, [0], None),
     ("fraction-broken-above", "DBC-002", "112 is 12 from 100, and its tenth is less.",
      constants(100), [source([112, 100, 100, 100])], 3, [1], None),
     ("fraction-broken-below", "DBC-002", "90 is 10 from 100, and its tenth is less.",
      constants(100), [source([90, 100, 100, 100])], 3, [1], None),
-    ("zero-kept", "DBC-003", "The tenth is that of the distance from zero, 1000.",
+    ("zero-kept", "DBC-002", "The tenth is that of the distance from zero, 1000.",
      constants(1011, zero=1000), [source([1010, 1010, 1012, 1012])], 0, [0], 1.0),
     ("zero-broken", "DBC-002", "1005 is 5 from zero: an error of 6 is too large.",
      constants(1011, zero=1000), [source([1005, 1011, 1011, 1011])], 3, [1], 6.0),
-    ("no-fraction", "DBC-003", "With kn 0 the floor holds everywhere.",
+    ("no-fraction", "DBC-002", "With kn 0 the floor holds everywhere.",
      constants(1000, kn=0, floor=2), [source([1001, 1002, 998, 999])], 0, [0], 1.0),
-    ("aim-missed", "DBC-003", "A contract that is not guaranteed is an aim.",
+    ("aim-missed", "DBC-002", "A contract that is not guaranteed is an aim.",
      constants(100, flags=0), [source([200, 0, 100, 100])], 0, [2], None),
-    ("vector-kept", "DBC-003", "An error along x is small against a vector along y.",
+    ("vector-kept", "DBC-002", "An error along x is small against a vector along y.",
      constants(5, 50, flags=3), [source([0] * 4), source([50] * 4)], 0, [0, 0], 1.0),
     ("vector-broken", "DBC-002", "The square of an error is 26, that of the tenth 25.",
      constants(5, 51, flags=3), [source([0] * 4), source([50] * 4)], 3, [4, 4], None),
     ("scalar-not-vector", "DBC-002", "The same errors as of a vector are too large for x alone.",
      constants(5, 50, flags=2), [source([0] * 4), source([50] * 4)], 3, [4, 0], None),
-    ("vector-of-large-numbers-kept", "DBC-003", "Two squares of 2^92 and more are equal.",
+    ("vector-of-large-numbers-kept", "DBC-002", "Two squares of 2^92 and more are equal.",
      constants(0, 0, span=1, **LARGE), [source([2**30]), source([1])], 0, [0, 0], 1.0),
-    ("vector-of-large-numbers-broken", "DBC-003", "Of two squares of 2^92 one is larger by 2^32.",
+    ("vector-of-large-numbers-broken", "DBC-002", "Of two squares of 2^92 one is larger by 2^32.",
      constants(0, -1, span=1, **LARGE), [source([2**30]), source([0])], 3, [1, 1], None),
     ("contract-of-the-full-band", "DBC-002", "The contract of an HF track speaks of the sum.",
      residual(TIGHT), [source([103, 104, 102, 103])], 0, [0], None),
@@ -153,7 +153,7 @@ def cases() -> Iterator[Case]:
                 rows = [row | {"worst": worst} for row in rows]
             expect["verify"] = {"contracts": rows}
         fault = "semantics/promise" if code else None
-        rules = list(dict.fromkeys([rule, "DBC-003"]))
+        rules = list(dict.fromkeys([rule, "DBC-002"]))
         yield Case(
             "encode", f"original-{name}", about, rules, folder(data, channels), expect, fault
         )

@@ -1,4 +1,4 @@
-"""How files end: cut, not closed, appended to, zeros behind (SPEC 14.1, 14.2, 13)."""
+"""How files end: cut, not closed, appended to, zeros behind (SPEC 13 and 14)."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def indexes() -> Iterator[Case]:
     kept = dict.fromkeys(range(3), ((0, 4), (80, 84)))
     yield wrecked(
         "index-tells-when", "A gap next to a lost cluster is no loss: the index tells its times.",
-        ["REC-003", "REC-012", "IDX-006"], "transmission/bit-flip",
+        ["REC-003", "REC-012", "IDX-002"], "transmission/bit-flip",
         w.flip(sparse.data, place.at), kept=kept, lost=[(track, 40, 44) for track in range(3)],
         damages=[
             ("garbage", place.at, place.size), ("missing-chunk", sparse.of("DATA", 2).at, 0),

@@ -152,7 +152,7 @@ def choices() -> Iterator[Case]:
     yield wrecked(
         "most-bytes-of-a-file-without-tracks",
         "A file that was not closed; most bytes are of another file, of which no TRAK is there.",
-        [*RULES, "REC-014"], "framing/other-file", w.over(large.data, place.at, strangers),
+        [*RULES, "REC-013"], "framing/other-file", w.over(large.data, place.at, strangers),
         kept=kept, damages=[*damages, open_end], lost=gone,
     )  # fmt: skip
     copied = w.lay(HEAD, THREE, [w.packet(0, 0, 1000)], THREE, *w.clusters(1000))
@@ -162,7 +162,7 @@ def choices() -> Iterator[Case]:
     yield wrecked(
         "most-bytes-of-another-file",
         "Most bytes are of a TRAK and a cluster of another file; HEAD and footer choose the id.",
-        [*RULES, "REC-014"], "framing/other-file", w.over(copied.data, first.at, strangers),
+        [*RULES, "REC-013"], "framing/other-file", w.over(copied.data, first.at, strangers),
         kept=kept, lost=gone,
         damages=[
             ("garbage", first.at, stop - first.at), ("other-file", first.at, 0),

@@ -15,7 +15,7 @@ ZERO, ONE, TWO = SECOND.rows
 TABLE = ZERO.at
 """Where the table of the second cluster ends."""
 
-RULES = ["CHK-003", "DAT-004", "REC-001", "REC-002", "REC-003", "DEC-004", "REC-012"]
+RULES = ["CHK-003", "DAT-004", "REC-001", "REC-002", "REC-003", "DEC-003", "REC-012"]
 BAD = ("bad-payload", SECOND.at, SECOND.size)
 GAP = ((0, 4), (8, 12))
 

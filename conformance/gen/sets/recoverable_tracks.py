@@ -1,4 +1,4 @@
-"""Descriptions that are lost, and what is left without them (SPEC 14.1, 14.2)."""
+"""Descriptions that are lost, and what is left without them (SPEC 14.1 and 14.2)."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def bands() -> Iterator[Case]:
     cluster = laid.of("DATA", 1)
     yield wrecked(
         "hf-packet-lost", "A packet of an HF track is lost: a gap in full band alone.",
-        ["DEC-003", "DEC-004", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
+        ["DEC-003", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
         decode=decode_of(slow, short), lost=[(1, 4, 8)],
         damages=[("bad-payload", cluster.at, cluster.size), ("bad-packet", row.at, row.size)],
     )  # fmt: skip
@@ -161,7 +161,7 @@ def bands() -> Iterator[Case]:
     short = Track(id=0, kind="lf", packets=parts(0, 0, 8))
     yield wrecked(
         "lf-packet-lost", "A packet of an LF track is lost: a gap in full band.",
-        ["DEC-003", "DEC-004", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
+        ["DEC-003", "REC-012"], "transmission/bit-flip", w.flip(laid.data, row.at),
         decode=decode_of(short, fast), lost=[(0, 4, 8)],
         damages=[
             ("bad-payload", cluster.at, cluster.size),
@@ -240,7 +240,7 @@ def unknown() -> Iterator[Case]:
     yield wrecked(
         "unknown-codec-and-damage",
         "A track of an unknown codec in a file with damage: recover copies its packets.",
-        ["TRK-011", "VRD-003", "REC-006", "REC-007"], "transmission/added-bytes",
+        ["TRK-011", "VRD-001", "REC-006", "REC-007"], "transmission/added-bytes",
         laid.data + bytes(3), decode=decode_of(track),
         damages=[("garbage", len(laid.data), 3)], exits={"decode": [3, 4]},
         recovered={"verdict": "unsupported"},
@@ -275,7 +275,7 @@ def unknown() -> Iterator[Case]:
     yield wrecked(
         "unknown-critical-and-damage",
         "An unknown critical chunk in a file with damage: decode gives nothing, recover keeps it.",
-        ["CHK-009", "REC-010", "VRD-003"], "transmission/added-bytes", laid.data + bytes(3),
+        ["CHK-009", "REC-010", "VRD-001"], "transmission/added-bytes", laid.data + bytes(3),
         decode={}, damages=[("garbage", len(laid.data), 3)], exits={"decode": 4},
         recovered={"verdict": "unsupported"},
     )  # fmt: skip

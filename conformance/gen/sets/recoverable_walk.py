@@ -168,7 +168,7 @@ def headers() -> Iterator[Case]:
     ):
         yield wrecked(
             f"header-flip-{name}", f"{about}: the whole cluster is lost, and found to be.",
-            ["CHK-002", "REC-001", "REC-003", "DEC-004"], "transmission/bit-flip",
+            ["CHK-002", "REC-001", "REC-003", "DEC-003"], "transmission/bit-flip",
             w.flip(DATA, SECOND.at + place), kept=NO_SECOND, lost=LOST_SECOND,
             damages=[("garbage", SECOND.at, SECOND.size), ("missing-chunk", THIRD.at, 0)],
         )  # fmt: skip
@@ -250,7 +250,7 @@ def missing() -> Iterator[Case]:
         start = 4 * number
         yield wrecked(
             f"missing-cluster-{number}", "A cluster is missing; the index tells when it was.",
-            ["CHK-005", "REC-003", "DEC-004", "REC-012"], "framing/missing",
+            ["CHK-005", "REC-003", "DEC-003", "REC-012"], "framing/missing",
             w.without(DATA, place.at, place.stop),
             kept=dict.fromkeys(range(3), kept[number]),
             damages=[("missing-chunk", place.at, 0)],

@@ -37,7 +37,7 @@ def cases() -> Iterator[Case]:
     )  # fmt: skip
     yield valid(
         "continued-chain", "A channel in three tracks, with gaps between and within them.",
-        ["TRK-016", "TRK-018", "DEC-004"],
+        ["TRK-016", "TRK-018", "DEC-003"],
         knots, gap, last,
     )  # fmt: skip
     first = lf(stored(0, SLOW), low=-100, high=70), hf(stored(0, FAST))

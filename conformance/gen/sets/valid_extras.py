@@ -1,4 +1,4 @@
-"""Metadata, attachments, digests, and chunks that nobody knows (SPEC 5.2, 6.7 to 6.9)."""
+"""Metadata, attachments, digests, and chunks that nobody knows (SPEC 5.2, 11.3 to 11.5)."""
 
 from __future__ import annotations
 

@@ -302,17 +302,17 @@ def clusters() -> Iterator[Case]:
     )  # fmt: skip
     yield valid(
         "gaps", "Gaps before the first packet, between packets and between clusters.",
-        ["DEC-004"],
+        ["DEC-003"],
         Track(packets=[piece(3, 1), piece(8, 2, 1), piece(20, 3, 2, 1)]),
     )  # fmt: skip
     yield uncommon(
         "clusters-out-of-time", "A later cluster of another track lies earlier in time.",
-        ["DAT-006", "IDX-006"],
+        ["DAT-006", "IDX-002"],
         Track(packets=[piece(100, 1)]), Track(id=1, channel=1, packets=[piece(0, 2, cluster=1)]),
     )  # fmt: skip
     yield uncommon(
         "last-tick", "A packet that ends at tick 2^48; the duration is the largest i64.",
-        ["DAT-003", "FOT-002", "IDX-006"],
+        ["DAT-003", "FOT-002", "IDX-002"],
         Track(packets=[piece(2**48 - 4, 5)]),
         Track(id=1, channel=1, rate=(1, 86400), packets=[piece(2**48 - 1, 6, 1)]),
     )  # fmt: skip
@@ -451,7 +451,7 @@ def indexes() -> Iterator[Case]:
     chunks = [HEAD, track.chunk, *map(data, packets)]
     loose = [(0, 10**9), (0, 2**53 - 1), (7, 10**6)]
     yield uncommon(
-        "index-loose-times", "An index whose times are wider than its clusters.", ["IDX-006"],
+        "index-loose-times", "An index whose times are wider than its clusters.", ["IDX-002"],
         track, data=closed_at(chunks, loose, nanoseconds(12, (1000, 1))),
     )  # fmt: skip
 

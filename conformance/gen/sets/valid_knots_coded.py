@@ -78,13 +78,13 @@ def examples() -> Iterator[Case]:
               [(0, [1, 2]), (5, [1, -300])], 20, clamped=(-400, 400)),
     ]  # fmt: skip
     yield valid(
-        "coded-knots-examples", "The packets that the page shows.", ["RNG-001", "KTE-002"],
+        "coded-knots-examples", "The packets that the page shows.", ["RNG-001", "KTE-004"],
         track(*held),
         track(*lines, interpolation=LINEAR, id=1, channel=1),
         track(*wide, id=2, channel=2, width=2, clamped=(-400, 400)),
     )  # fmt: skip
     yield valid(
-        "coded-knots-constant", "The first indices alone, hold and linear.", ["KTE-002"],
+        "coded-knots-constant", "The first indices alone, hold and linear.", ["KTE-004"],
         track(packet([(0, (3, -70))], 5), width=2),
         track(packet([(0, 99)], 5, LINEAR), interpolation=LINEAR, id=1, channel=2),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Layers of events, and other clocks (SPEC 9.9, 6.10)."""
+"""Layers of events, and other clocks (SPEC 9.9, 11.6)."""
 
 from __future__ import annotations
 

@@ -154,11 +154,11 @@ def layouts() -> Iterator[Case]:
     pair = [e([60] * 4, [[70, -30]], 8, seed=3), e([50] * 4, [[-70, -30, 9]], 8, seed=4)]
     yield valid(
         "nois-components", "Two components, each with a model and a seed of its own.",
-        ["NOI-004"],
+        ["LPC-001"],
         track(packet(*pair, span=32), width=2),
     )  # fmt: skip
     yield valid(
-        "nois-component-silent", "Of three components the second is silent.", ["NOI-004"],
+        "nois-component-silent", "Of three components the second is silent.", ["LPC-001"],
         track(packet(pair[0], b"", pair[1], span=32), width=3),
     )  # fmt: skip
     slow = Track(kind="lf", low=-100, high=100, packets=[Packet(0, [7] * 64, f.svarint(7))])

@@ -121,7 +121,7 @@ def formats() -> Iterator[Case]:
     )  # fmt: skip
     pairs = [(x, 2**64 - 1 - x) for x in range(5)]
     yield valid(
-        "words-two-components", "Words of two components, with a gap.", ["TRK-006", "DEC-004"],
+        "words-two-components", "Words of two components, with a gap.", ["TRK-006", "DEC-003"],
         words("uint64", 8, packet(pairs, 8), packet(pairs[::-1], 8, DEFLATE, 9), width=2),
     )  # fmt: skip
 

@@ -261,7 +261,7 @@ def rates() -> Iterator[Case]:
         (uncommon, "rate-fastest", "2^32 - 1 ticks a second.", (2**32 - 1, 1)),
     ):
         yield set_(
-            name, about, ["TRK-002", "FOT-002", "IDX-006"],
+            name, about, ["TRK-002", "FOT-002", "IDX-002"],
             Track(rate=rate, packets=[fives(span=7)]),
         )  # fmt: skip
     yield valid(
@@ -275,7 +275,7 @@ def rates() -> Iterator[Case]:
 
 def numbers() -> Iterator[Case]:
     yield valid(
-        "track-without-packets", "A track is described, and nothing of it recorded.", ["DEC-004"],
+        "track-without-packets", "A track is described, and nothing of it recorded.", ["DEC-003"],
         Track(packets=[fives()]), Track(id=1, channel=1),
     )  # fmt: skip
     yield uncommon(

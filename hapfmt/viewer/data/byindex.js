@@ -1,4 +1,4 @@
-// A closed file by its index (6.5): descriptions and the places of clusters, without the packets.
+// A closed file by its index (11.1): descriptions and the places of clusters, without the packets.
 import { readMeta } from '../decoder/ancillary.js';
 import { HEADER_SIZE, beginsWithSignature, isCritical, readHeader } from '../decoder/chunk.js';
 import { crc32 } from '../decoder/crc32.js';

@@ -20,7 +20,7 @@ const KEPT = 2 ** 24; // bytes of decoded parts
 const BIN_BYTES = 16;
 const TRIED = 16; // attachments, from the last one on
 
-// The overview breaks a rule: it counts as absent (OVW-008).
+// The overview breaks a rule: it counts as absent (OVW-007).
 export class BadOverview extends Error {}
 
 const need = (holds) => {
@@ -86,7 +86,7 @@ function readRows(table, count, base, file) {
   return rows;
 }
 
-// OVW-004; gives each level its parts. lowest: where the content begins at the earliest.
+// OVW-003; gives each level its parts. lowest: where the content begins at the earliest.
 function readParts(rest, rows, stop, lowest) {
   const count = rest.length / PART_SIZE;
   let expected = 0;
@@ -171,11 +171,11 @@ function partsOf({ level, first, stop }) {
   return level.parts.slice(Math.floor(a / BLOCK), Math.floor(Math.max(b, -1) / BLOCK) + 1);
 }
 
-// OVW-006.
+// OVW-003.
 function decodePart(bytes, { bins, offset }, { low, high }) {
   let raw;
   try {
-    raw = inflate(bytes, 4 * bins, offset, 'OVW-006');
+    raw = inflate(bytes, 4 * bins, offset, 'OVW-003');
   } catch (error) {
     if (!(error instanceof HapfError)) throw error;
     throw new BadOverview();

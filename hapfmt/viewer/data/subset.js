@@ -105,7 +105,7 @@ function headOf({ head }) {
   return headPayload({ minor: 0, level: head.level, uuid: head.uuid, tlvs });
 }
 
-// Its member `notes` tells what happened (6.7).
+// Its member `notes` tells what happened (11.3).
 function metadataOf(file, { numbers }, t0, t1, name) {
   const { notes = [], ...rest } = file.metadata ?? {};
   const span = t0 === null ? '' : `; ${t0}:${t1} s`;
@@ -182,7 +182,7 @@ function bytesOf(packet, track, { renumber, numbers }) {
   return list.length ? Uint8Array.from(list) : null;
 }
 
-// EDT-007.
+// EDT-005.
 function copyDigests(file, { places }, writer, partial) {
   const reached = new Map();
   for (const { track, chunkOffset } of file.packets) reached.set(track, Math.max(reached.get(track) ?? 0, chunkOffset));

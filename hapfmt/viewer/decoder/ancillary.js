@@ -1,4 +1,4 @@
-// mETa, aTTc, dGST, cLOk and cMAp (6.7 to 6.10).
+// mETa, aTTc, dGST, cLOk and cMAp (11.3 to 11.6).
 import { Reader, putVarint } from './bytes.js';
 import { broken, unsupported } from './error.js';
 import { readMetadata } from './json.js';

@@ -26,7 +26,7 @@ export function decodeCodedKnots(track, bytes, span, out, offset, onKnot) {
   if (reader.left > 0) {
     const { offset: at } = reader;
     const f = reader.varint();
-    if (f < 1 || f >= span) broken('KTE-002', `${f} more knots in ${span} ticks`, at);
+    if (f < 1 || f >= span) broken('KTE-004', `${f} more knots in ${span} ticks`, at);
     const coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, 1);
     const gaps = new Float64Array(interpolation === 1 ? f - 1 : f);
     const differences = new Float64Array(f * C);

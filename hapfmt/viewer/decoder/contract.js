@@ -1,4 +1,4 @@
-// The promises of a file against its source (clause 11, TLV-006), in exact arithmetic (DBC-003).
+// The promises of a file against its source (clause 11, TLV-006), in exact arithmetic (DBC-002).
 import { channelsOf } from './channels.js';
 import { decodeFile } from './decode.js';
 

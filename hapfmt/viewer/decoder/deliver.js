@@ -71,7 +71,7 @@ function readCluster({ bytes, chunk, allTracks, limits, meter, note }) {
   return { ...found, chunk, kept, holes, salvaged: true };
 }
 
-// bad-table where nothing tells which packets are missing, else bad-packet for each hole (14.2).
+// bad-table where nothing tells which packets are missing, else bad-packet for each hole (14.1).
 function reportHoles(cluster, damages) {
   const { chunk, kept, holes, payloadEnd, limit } = cluster;
   const start = chunk.payloadStart;

@@ -1,4 +1,4 @@
-// The digest of a track (6.9).
+// The digest of a track (11.5).
 import { Sha256, sha256 } from './sha256.js';
 import { pushSpan } from './spans.js';
 

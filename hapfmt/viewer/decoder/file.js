@@ -10,7 +10,7 @@ import { limitsOf } from './limits.js';
 import { describeTracks } from './tracks.js';
 import { walk } from './walk.js';
 
-// What a reader keeps of a file besides samples (LIM-003, clause 17).
+// What a reader keeps of a file besides samples (LIM-003, docs/spec/security.md).
 const ENTRY_BOUND = 2 ** 21;
 const NOTE_BOUND = 2 ** 19;
 
@@ -39,7 +39,7 @@ function refuse(file, error) {
 }
 
 // Takes what breaks a rule. soft: true for what is not held against a file with damage, 'closed' for what is held
-// against a closed one only (14.1).
+// against a closed one only (14.2).
 function note(file, error, chunk, soft = false, packet = null) {
   if (!(error instanceof HapfError)) throw error;
   if (soft && file.damaged) return;
@@ -191,7 +191,7 @@ function readAncillary(file, noteIt) {
   if (file.metadata) file.metadataText = writeJson(file.metadata);
 }
 
-// 6.5, 6.6: kept in a file with damage, where they show which chunks are missing; checked in another.
+// 11.1, 11.2: kept in a file with damage, where they show which chunks are missing; checked in another.
 function readIndexes(file, noteIt) {
   const { bytes, chunks, damaged, held, allTracks } = file;
   const byPosition = new Map(chunks.map((chunk) => [chunk.position, chunk]));

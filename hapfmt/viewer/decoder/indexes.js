@@ -1,4 +1,4 @@
-// iNDX and fOOT (6.5, 6.6).
+// iNDX and fOOT (11.1, 11.2).
 import { Reader } from './bytes.js';
 import { HapfError, broken } from './error.js';
 
@@ -53,7 +53,7 @@ export function packetMs(packet, track) {
   return [(BigInt(packet.start) * scale) / rate, ceilDiv(BigInt(packet.start + packet.span) * scale, rate)];
 }
 
-// IDX-002, IDX-006 in a file without damage. chunks: all, in order; times: chunk position ->
+// IDX-002 in a file without damage. chunks: all, in order; times: chunk position ->
 // [first, last] ms.
 export function checkIndex(index, chunks, byPosition, times) {
   const { chunk, previous, firstSequence, entries } = index;
@@ -81,7 +81,7 @@ export function checkIndex(index, chunks, byPosition, times) {
     if (!range) continue;
     const stop = range[1] > BigInt(MS_BOUND) ? BigInt(MS_BOUND) : range[1];
     if (BigInt(entry.startMs) > range[0] || BigInt(entry.stopMs) < stop) {
-      faults.push(fault('IDX-006', `${entry.startMs} to ${entry.stopMs} ms, not ${range[0]} to ${range[1]}`, entry.at));
+      faults.push(fault('IDX-002', `${entry.startMs} to ${entry.stopMs} ms, not ${range[0]} to ${range[1]}`, entry.at));
     }
   }
   return faults;

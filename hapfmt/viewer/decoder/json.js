@@ -4,7 +4,7 @@ import { HapfError, unsupported } from './error.js';
 
 const DEPTH_BOUND = 64;
 const NUMBER_BOUND = 1000;
-// Three bytes can be a list (clause 17): what this reader keeps of one text.
+// Three bytes can be a list (docs/spec/security.md): what this reader keeps of one text.
 const VALUE_BOUND = 2 ** 21;
 const NUMBER = /-?(?:0|[1-9][0-9]*)(\.[0-9]+)?([eE][+-]?[0-9]+)?/y;
 const SPACE = /[ \t\n\r]*/y;

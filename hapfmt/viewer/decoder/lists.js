@@ -1,4 +1,4 @@
-// What TLVs of tracks hold (6.2, clauses 8 and 11).
+// What TLVs of tracks hold (clauses 8 and 11).
 import { Reader, decodeText } from './bytes.js';
 import { broken } from './error.js';
 import { readCalibration } from './values.js';
@@ -50,8 +50,8 @@ export function readDeviations(tlv, wanted) {
 // TLV 16 (clause 11): { kn, kd, vector, guaranteed, floors, zeros }.
 export function readContract(tlv, componentCount) {
   const reader = readerOf(tlv);
-  const kd = reader.varint();
   const kn = reader.varint();
+  const kd = reader.varint();
   const flags = reader.u8();
   if (kd < 1 || kd >= 65536 || kn >= 65536) broken('DBC-001', `a Weber fraction of ${kn}/${kd}`, tlv.offset);
   if (flags & ~3) broken('DBC-001', `contract flags ${flags}`, tlv.offset);

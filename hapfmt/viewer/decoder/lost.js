@@ -1,4 +1,4 @@
-// The losses (14.2): a walk over packets and holes in the order of the sequence numbers.
+// The losses (docs/spec/recovery.md): a walk over packets and holes in the order of the sequence numbers.
 import { unsupported } from './error.js';
 import { NS_BOUND } from './indexes.js';
 import { pushSpan } from './spans.js';

@@ -202,11 +202,11 @@ function readRanks(reader) {
 // The corrections of one component as halves, and z; or null where all are 0.
 function readCorrections(part, offset, placed, counts) {
   if (part.length === 0) return null;
-  const reader = new Reader(part, { base: offset, requirement: 'EXA-004' });
+  const reader = new Reader(part, { base: offset, requirement: 'EXA-003' });
   const flags = reader.u8();
-  if (flags > 3) broken('EXA-004', `flags ${flags}`, offset);
+  if (flags > 3) broken('EXA-003', `flags ${flags}`, offset);
   const z = reader.u8();
-  if (z > 63) broken('EXA-004', `steps of 2^${z}`, offset);
+  if (z > 63) broken('EXA-003', `steps of 2^${z}`, offset);
   const p = flags & 1 ? [0, 1, 2].map(() => readRanks(reader)) : null;
   const table = readLengths(reader);
   const coder = new EntropyDecoder(reader.bytes(reader.left), reader.offset, flags & 2 ? 4 : 1);

@@ -156,7 +156,7 @@ function decodeComponent(bytes, offset, setup, span, put) {
 
 export function decodeNois(track, bytes, span, out, offset) {
   const { componentCount: C, countMin: low, countMax: high, setup } = track;
-  splitComponents(bytes, C, offset, 'NOI-004').forEach((part, c) => {
+  splitComponents(bytes, C, offset, 'LPC-001').forEach((part, c) => {
     decodeComponent(part.bytes, part.offset, setup, span, (t, count) => {
       out[t * C + c] = clamp(count, low, high);
     });

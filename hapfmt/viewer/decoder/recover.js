@@ -108,7 +108,7 @@ function copiedDigests(file) {
   }).sort((a, b) => a.offset - b.offset);
 }
 
-// REC-011.
+// REC-010.
 function notesPayload(file, dropped) {
   const before = file.metadata?.notes;
   const kept = Array.isArray(before) ? before : before === undefined ? [] : [writeJson(before)];

@@ -22,7 +22,7 @@ export function settle(file) {
   findLosses(file);
 }
 
-// 14.1: in a file with damage, and for a recoverer, rules broken count as damage too.
+// 14.2: in a file with damage, and for a recoverer, rules broken count as damage too.
 function rulesAsDamage(file, notes) {
   const seen = new Set();
   for (const { kind, requirement, message, chunk, packet } of notes) {

@@ -1,4 +1,4 @@
-// Time (clause 7) and maps to the time of another clock (6.10), exactly.
+// Time (clause 7) and maps to the time of another clock (11.6), exactly.
 import { floorDivBig, rdivBig } from './integers.js';
 
 const ceilDivBig = (a, b) => -floorDivBig(-a, b);

@@ -9,7 +9,7 @@ const sameList = (a, b) => a.length === b.length && a.every((v, i) => v === b[i]
 const sameCalibrations = (a, b) => a.every((v, i) => v.A === b[i].A && v.B === b[i].B && v.D === b[i].D);
 
 // -> { descriptions, tracks, allTracks, lostBases, lostResiduals }. `note(error, chunk, soft)` takes what breaks a rule;
-// soft: what is not held against a file with damage (14.1). In `tracks` are those that are used, in `allTracks`
+// soft: what is not held against a file with damage (14.2). In `tracks` are those that are used, in `allTracks`
 // all that were described.
 export function describeTracks(bytes, chunks, level, damaged, note) {
   const descriptions = readAll(bytes, chunks, level, note);
@@ -122,7 +122,7 @@ function fits(track, other) {
 const known = (tracks, id) => (tracks.get(id)?.strange ? undefined : tracks.get(id));
 
 // TRK-010, TRK-016: each track fits those that are left with smaller ids. Where the track between two is lost, they stay
-// one channel (14.1).
+// one channel (14.2).
 function linkContinued({ tracks, allTracks, damaged, note }) {
   const owners = new Set(); // the channel numbers of all tracks, and of those that are supported
   const supported = new Set();

@@ -6,7 +6,7 @@ import { FOOT_SIZE } from './indexes.js';
 import { heldSize } from './salvage.js';
 
 const MEBIBYTE = 2 ** 20;
-// Each chunk and each damage is kept: a reader's own bound (clause 17).
+// Each chunk and each damage is kept: a reader's own bound (LIM-003).
 const CHUNK_BOUND = 2 ** 20;
 
 // REC-005: what the reading of one file may cost in bytes looked at.

@@ -1,4 +1,4 @@
-// Writing chunks (5.1), the index (6.5) and the end of a file (6.6).
+// Writing chunks (5.1), the index (11.1) and the end of a file (11.2).
 import { putVarint } from './bytes.js';
 import { HEADER_SIZE, SIGNATURE, clusterSeed, makeChunk, seedOf } from './chunk.js';
 import { HEAD_ROOM, ROW_ROOM, makeCluster } from './cluster.js';
