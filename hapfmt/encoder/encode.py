@@ -28,7 +28,7 @@ from ..format.track import Track
 from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
 from ..reading.catalogue import TrackPair
 from ..reading.decoder import TrackDecoder
-from ..recording import Channel, Recording
+from ..recording import Channel, Recording, Span
 from ..threads import in_order, thread_count
 from .bitrate import fill
 from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
@@ -47,8 +47,8 @@ from .exact import (
 from .gridded import INFINITE, KEPT, NO_STEP, Gridded, on_grid
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, sparse
+from .lengths import Lengths, Load, load_of
 from .plan import Promise, check_error, promises_of, range_of, vector_promise
-from .predict import shorten
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import Settings, Tolerance
 from .source import InputBlock, cut, group_units, side_by_side
@@ -148,6 +148,8 @@ class Encoded:
     level: Level
     settings: Settings
     """As asked for; of preset lossless where nothing was lost after all."""
+    cluster: Fraction
+    """Seconds of a cluster."""
 
 
 @dataclass(frozen=True)
@@ -174,10 +176,12 @@ class EncodeJob:
     promises: list[Promise]
     searches: list[LatticeSearch]
     """One for the values of each channel."""
-    cluster: Fraction
     threads: int
     heads: list[int]
     """Channels that begin a track: the first, and those that clocks refer to."""
+    loads: list[Load]
+    """Of each channel."""
+    lengths: Lengths
 
     @property
     def lossless(self) -> Settings:
@@ -186,6 +190,12 @@ class EncodeJob:
         if given.preset == "lossless":
             return given
         return Settings(references=given.references, cluster=given.cluster, digest=given.digest)
+
+    def spans(self, channels: Sequence[Channel], first: int, components: int) -> tuple[Span, ...]:
+        """The packets of a track that has these channels, from number ``first`` on."""
+        loads = self.loads[first : first + len(channels)]
+        seconds = self.lengths.seconds(channels, loads)
+        return tuple(cut(channels[0].coverage, channels[0].rate_exact, seconds, components))
 
 
 def encode(
@@ -252,15 +262,21 @@ class Encoding:
         self.recording, self.progress = recording, progress
         originals = [as_recorded(channel) for channel in recording.channels]
         promises = promises_of(replace(recording, channels=tuple(originals)), settings)
-        cluster = settings.cluster_of(recording)
         searches = [LatticeSearch(channel.stored) for channel in originals]
-        heads = heads_of(recording, settings)
-        self.job = EncodeJob(settings, originals, promises, searches, cluster, threads, heads)
+        heads, count = heads_of(recording, settings), len(recording)
+        longest = settings.cluster_of(recording)
+        self.job = EncodeJob(
+            settings, originals, promises, searches, threads, heads, [], Lengths(longest, longest)
+        )
+        prepared = put_on_grids(self.job, 0, count)
+        loads = list(in_order(load_of, prepared, threads))
+        lengths = Lengths.of(recording, settings, loads)
+        self.job = replace(self.job, loads=loads, lengths=lengths)
         self.rivals: Rivals = {}
         self.parts: list[PlacedUnit] = []
-        count = len(recording)
         for first, stop in pairwise([*heads, count]):
-            own = list(encode_parts(self.job, first, stop, lambda done: progress(done, count)))
+            rows = prepared[first:stop]
+            own = list(encode_parts(self.job, first, rows, lambda done: progress(done, count)))
             related = settings.references and not settings.fast
             self.parts += with_relations(own, self.job) if related else own
 
@@ -304,9 +320,6 @@ class Encoding:
     def complete(self, parts: list[PlacedUnit]) -> Encoded:
         """Tracks and packets, and what is reported of them."""
         settings, job = self.job.settings, self.job
-        if settings.preset != "paper" and settings.cluster is None:
-            parts = [replace(part, unit=part.unit.copy()) for part in parts]
-            shorten_units([part.unit for part in parts])
         decisions: list[Decision] = []
         for part in parts:
             decisions += decide(part, job.originals, self.recording)
@@ -314,7 +327,9 @@ class Encoding:
         exact = not any(decision.largest_error for decision in decisions)
         if exact and settings.preset != "lossless":
             settings = job.lossless
-        return Encoded(tracks, packets, decisions, choose_level(tracks), settings)
+        return Encoded(
+            tracks, packets, decisions, choose_level(tracks), settings, job.lengths.cluster
+        )
 
 
 def heads_of(recording: Recording, settings: Settings) -> list[int]:
@@ -332,12 +347,9 @@ def heads_of(recording: Recording, settings: Settings) -> list[int]:
     return sorted(found)
 
 
-def encode_parts(
-    job: EncodeJob, first: int, stop: int, done: Callable[[int], None] = lambda _done: None
-) -> Iterator[PlacedUnit]:
-    """The channels first ... stop - 1, in their order."""
+def put_on_grids(job: EncodeJob, first: int, stop: int) -> list[Gridded]:
+    """The channels first ... stop - 1 as they are coded."""
     settings = job.settings
-    numbers = range(first, stop)
 
     def gridded(number: int) -> Gridded:
         search = job.searches[number]
@@ -348,7 +360,17 @@ def encode_parts(
             check_bound(channel, found, settings)
         return found
 
-    prepared = list(in_order(gridded, numbers, job.threads))
+    return list(in_order(gridded, range(first, stop), job.threads))
+
+
+def encode_parts(
+    job: EncodeJob,
+    first: int,
+    prepared: Sequence[Gridded],
+    done: Callable[[int], None] = lambda _done: None,
+) -> Iterator[PlacedUnit]:
+    """The prepared channels in their order, from number ``first`` on."""
+    settings, stop = job.settings, first + len(prepared)
     tell_kept(job.promises[first:stop], prepared, settings)
     groups = list(
         group_units(
@@ -431,7 +453,9 @@ def encode_members(
     units = [part.unit for part in apart]
     channels = [each.channel for each in members]
     error = error_of(channels[0], members[0].promise)
-    joint = encode_run(channels, first, error, job.cluster, links, units)
+    # Half of the components: packets of LPCR take less than five bytes a sample.
+    half = (len(channels) + 1) // 2
+    joint = encode_run(channels, first, error, job.spans(channels, first, half), links, units)
     if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in units):
         joint.channels = tuple(channels)
         joint.least = sum(unit.least for unit in units)
@@ -479,11 +503,11 @@ def joined(
         if start <= each.target < start + len(parts)
     ]
     units = [part.unit for part in parts]
-    joint = encode_linear(channels, columns, units, moved, first, job.cluster)
+    spans = job.spans(channels, first, (len(channels) + 1) // 2)
+    joint = encode_linear(channels, columns, units, moved, first, spans)
     apart = sum(unit.size for unit in units)
     if joint is None or joint.size >= (1 - SAVED) * apart:
         return parts
-    joint.saved = apart - joint.size
     return [PlacedUnit(joint, first, members)]
 
 
@@ -541,7 +565,7 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
         if stop > at:
             ends = parts[at].first, parts[stop - 1].stop
             if ends not in known:
-                known[ends] = list(encode_parts(lossless, *ends))
+                known[ends] = list(encode_parts(lossless, ends[0], put_on_grids(lossless, *ends)))
             rivals += known[ends]
         at = max(stop, at + 1)
     asked = [each.promise for part in parts for each in part.members]
@@ -661,7 +685,7 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         raise ParameterError(
             f"rate {channel.rate_exact} of channel {channel.label!r} needs more than 32 bits"
         )
-    spans = tuple(cut(channel.coverage, channel.rate_exact, job.cluster, len(channels)))
+    spans = job.spans(channels, first_channel, len(channels))
     if channel.calibration is None:
         kind = WORDS.get(channel.stored.dtype)
         if kind is None:
@@ -760,24 +784,6 @@ def encode_within(
     if knots is None:
         return unit
     return replace(knots, channels=finer.channels, grid=fine.text, least=unit.least)
-
-
-def shorten_units(units: list[Unit]) -> None:
-    """Packets of a small file that lose little where they are damaged."""
-    before = [unit.size for unit in units]
-    # Packets of two bands are checked side by side.
-    alone = [unit.base for unit in units if unit.residual is None]
-    others = [
-        coded for unit in units if unit.residual is not None for coded in (unit.base, unit.residual)
-    ]
-    shorten(alone, others, sum(unit.saved for unit in units))
-    for unit, size in zip(units, before, strict=True):
-        more = unit.size - size
-        if unit.parts and more:
-            share, rest = divmod(more, len(unit.parts))
-            unit.parts = tuple(
-                (why, each + share + (place < rest)) for place, (why, each) in enumerate(unit.parts)
-            )
 
 
 def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:

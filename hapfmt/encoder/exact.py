@@ -50,7 +50,7 @@ from ..recording import Calibration, Channel, Span
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, Near
 from .predict import encode_best, fitting_packets
-from .source import cut, declared_range, make_track
+from .source import declared_range, make_track
 from .unit import Unit, decode_all
 
 GRID_BITS = LEVELS[1].count_bits - 1
@@ -162,8 +162,6 @@ def coded_as(
         try:
             for part, data in fitting_packets(span, counts, code):
                 coded.packets.append(Packet(0, part.start, part.ticks, data))
-                first = part.start - span.start
-                coded.doubles.append([values[first : first + part.ticks]])
                 size, begin = parse_varint(data, 0)
                 beside += len(data) - begin - size
         except ValueError:
@@ -561,7 +559,7 @@ def encode_linear(
     units: Sequence[Unit],
     relations: Sequence[Relation],
     first_channel: int,
-    cluster: Fraction,
+    spans: Sequence[Span],
 ) -> Unit | None:
     """One track of neighbouring channels; None where they have no common range of counts."""
     related = {relation.target: relation for relation in relations}
@@ -587,7 +585,6 @@ def encode_linear(
         replace(channel, stored=each.counts, calibration=each.calibration, deviation=None)
         for channel, each in zip(channels, candidates, strict=True)
     ]
-    first = channels[0]
     track = make_track(
         described,
         first_channel,
@@ -599,7 +596,7 @@ def encode_linear(
     coded = Coded(track)
     sizes = np.zeros(len(channels), np.int64)
     at = 0
-    for span in cut(first.coverage, first.rate_exact, cluster, (len(channels) + 1) // 2):
+    for span in spans:
         part = slice(at, at + span.ticks)
         at += span.ticks
         try:
@@ -608,7 +605,6 @@ def encode_linear(
         except ValueError:
             return None
         coded.packets.append(Packet(0, span.start, span.ticks, data))
-        coded.doubles.append(exact)
         sizes += each_size
     last = first_channel + len(channels) - 1
     parts = []

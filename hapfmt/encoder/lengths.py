@@ -1,0 +1,182 @@
+"""How long packets and clusters are, decided before anything is coded.
+
+Long packets are small, short ones lose little where a byte changes. A few samples of each channel
+tell about how many bytes it takes. From these the loss that one changed byte causes on average
+follows, for any number of packets. Each channel gets as many as lose least at the same size: the
+root of its bytes times its samples, by what a packet costs there. In a small file packets may cost
+a share of the size, and the loss follows from that.
+
+Packets begin where clusters do, or divide them. So a file that was cut keeps some seconds of all
+channels, and not some channels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil, log, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..recording import Channel, Recording
+from .bounded import error_of
+from .gridded import Gridded
+from .settings import Settings
+
+SHARES = 44
+"""One changed byte should take at most this share of the samples, as the mean of all bytes."""
+
+LARGE, PRICE, LARGE_PRICE = 75_000, 0.01, 0.025
+"""Bytes of a large file, by an estimate; and the share of the size that short packets may cost, in
+small files and in large ones."""
+
+PACKET = 40
+"""Bytes that a packet costs: its row, its predictor, its first states."""
+
+DISTINCT = 1.25
+"""Bytes for each distinct double: a packet tells the correction of each anew."""
+
+WORST, SEEN = 10.5, 0.005
+"""A packet has at most this share of all samples, where its track has SEEN of the bytes."""
+
+SHORTEST = 128
+"""Ticks of a packet."""
+
+CLUSTERS = (12, 6, 4, 3, 2)
+"""Clusters of a short recording: as many as a third of SHARES allows."""
+
+PIECES, PIECE = 16, 256
+"""Samples of a channel that are looked at."""
+
+SPREAD = 5.4
+"""Errors of a Laplacian distribution take log2(1 + 5.4 times their mean) bits."""
+
+WORD_SHARE = 0.8
+"""Of the bits of a number that has no grid."""
+
+FELT_SHARE = 1 / 3
+"""Of the bits of a bounded channel that one with a relative bound takes, or a texture."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """Estimated bytes of a channel, its samples, and the bytes that one packet more costs."""
+
+    size: float = 0.0
+    samples: int = 0
+    cost: float = PACKET
+
+    @classmethod
+    def of(cls, loads: Iterable[Load]) -> Load:
+        """Several channels in one track."""
+        every = list(loads)
+        return cls(
+            sum(each.size for each in every), sum(each.samples for each in every),
+            sum(each.cost for each in every),
+        )  # fmt: skip
+
+    @property
+    def root(self) -> float:
+        return sqrt(self.size * self.samples * self.cost)
+
+
+def load_of(member: Gridded) -> Load:
+    """The estimate for one channel."""
+    channel, promise = member.channel, member.promise
+    size = channel.stored.size
+    if not size:
+        return Load()
+    looked, cost = pieces_of(channel.stored), float(PACKET)
+    if channel.calibration is None:
+        bits = WORD_SHARE * 8 * looked.itemsize
+        if looked.dtype.kind == "f" and np.isfinite(looked).all():
+            distinct = np.unique(looked)
+            if 2 * distinct.size < looked.size:
+                bits = bits_of(np.searchsorted(distinct, looked))
+                cost += DISTINCT * distinct.size
+    else:
+        step = 2 * error_of(channel, promise) + 1
+        bits = bits_of(looked.astype(np.int64) // step)
+    if promise.k or promise.texture is not None:
+        bits *= FELT_SHARE
+    return Load(bits * size / 8, size, cost)
+
+
+def pieces_of(x: NDArray[np.generic]) -> NDArray[np.generic]:
+    """[pieces, samples]: spread over the channel, or all of it."""
+    if x.size <= PIECES * PIECE:
+        return x[None]
+    starts = (x.size - PIECE) * np.arange(PIECES) // (PIECES - 1)
+    return np.asarray(x[starts[:, None] + np.arange(PIECE)])
+
+
+def bits_of(looked: NDArray[np.int64]) -> float:
+    """Bits a sample, each piece by the best of the first three differences."""
+    found = []
+    x = looked.astype(np.float64)
+    x = x - np.floor(x.mean(axis=1, keepdims=True))
+    for _ in range(3):
+        if x.shape[1]:
+            found.append(np.log2(1 + SPREAD * np.abs(x).mean(axis=1)))
+        x = np.diff(x, axis=1)
+    return float(np.min(found, axis=0).mean())
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """Seconds of a cluster, and of the packets of each track."""
+
+    cluster: Fraction
+    longest: Fraction
+    """Seconds of the longest packet."""
+
+    whole: Load = Load()
+    density: float = 0.0
+    """Packets of a track, for each root of its load over its cost. 0: all are as long as a
+    cluster."""
+
+    @classmethod
+    def of(cls, recording: Recording, settings: Settings, loads: Sequence[Load]) -> Lengths:
+        longest = settings.cluster_of(recording)
+        whole, root = Load.of(loads), sum(load.root for load in loads)
+        if settings.cluster is not None or settings.preset == "paper" or not root:
+            return cls(longest, longest)
+        price = LARGE_PRICE if whole.size >= LARGE else PRICE
+        shares = min(SHARES, price * whole.size**2 * whole.samples / root**2)
+        some = [channel for channel in recording.channels if channel.coverage]
+        begin = min(channel.coverage[0].start / channel.rate_exact for channel in some)
+        end = max(channel.coverage[-1].stop / channel.rate_exact for channel in some)
+        fastest = max(channel.rate_exact for channel in recording.channels)
+        count = next((n for n in CLUSTERS if 3 * n <= shares), 1)
+        ticks = ceil((end - begin) * fastest / count)
+        cluster = min(longest, Fraction(max(ticks, SHORTEST)) / fastest) if count > 1 else longest
+        return cls(cluster, longest, whole, shares * root / (whole.size * whole.samples))
+
+    def seconds(self, channels: Sequence[Channel], loads: Sequence[Load]) -> Fraction:
+        """Of the packets of a track with these channels."""
+        load, rate = Load.of(loads), channels[0].rate_exact
+        if not self.density or not load.samples:
+            return self.cluster
+        ticks = load.samples // len(loads)
+        # A cluster more or less is no matter where there are many.
+        least = 0.0
+        if load.size > SEEN * self.whole.size:
+            least = WORST * load.samples / self.whole.samples
+        parts = max(self.density * sqrt(load.size * load.samples) / sqrt(load.cost), least, 1.0)
+        lasts = Fraction(ticks) / rate
+        clusters = max(float(lasts / self.cluster), 1.0)
+        return self.cluster * multiple(clusters, parts, least, ticks, self.longest / self.cluster)
+
+
+def multiple(
+    clusters: float, parts: float, least: float, ticks: int, longest: Fraction
+) -> Fraction:
+    """Clusters of a packet, or the part of a cluster, that is nearest to the parts wanted."""
+    most = max(ticks / SHORTEST, 1.0)
+    ways = [Fraction(n) for n in (1, *CLUSTERS) if n <= longest]
+    ways += [Fraction(1, n) for n in range(2, ceil(parts / clusters) + 2)]
+    found = [(abs(log(max(clusters / way, 1.0) / parts)), -way) for way in ways
+             if least <= clusters / way <= most]  # fmt: skip
+    return -min(found)[1] if found else Fraction(1)
