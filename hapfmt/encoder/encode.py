@@ -179,7 +179,7 @@ class EncodeJob:
     threads: int
     heads: list[int]
     """Channels that begin a track: the first, and those that clocks refer to."""
-    loads: list[Load]
+    loads: Sequence[Load]
     """Of each channel."""
     lengths: Lengths
 
@@ -268,8 +268,7 @@ class Encoding:
         self.job = EncodeJob(
             settings, originals, promises, searches, threads, heads, [], Lengths(longest, longest)
         )
-        prepared = put_on_grids(self.job, 0, count)
-        loads = list(in_order(load_of, prepared, threads))
+        prepared, loads = put_on_grids(self.job, 0, count)
         lengths = Lengths.of(recording, settings, loads)
         self.job = replace(self.job, loads=loads, lengths=lengths)
         self.rivals: Rivals = {}
@@ -347,20 +346,24 @@ def heads_of(recording: Recording, settings: Settings) -> list[int]:
     return sorted(found)
 
 
-def put_on_grids(job: EncodeJob, first: int, stop: int) -> list[Gridded]:
-    """The channels first ... stop - 1 as they are coded."""
+def put_on_grids(
+    job: EncodeJob, first: int, stop: int
+) -> tuple[tuple[Gridded, ...], tuple[Load, ...]]:
+    """The channels first ... stop - 1 as they are coded, and estimates of their sizes."""
     settings = job.settings
 
-    def gridded(number: int) -> Gridded:
+    def gridded(number: int) -> tuple[Gridded, Load]:
         search = job.searches[number]
         channel, asked = job.originals[number], job.promises[number]
         found = on_grid(channel, asked, settings, search)
+        load = load_of(found, search)
         search.forget()
         if asked.floor is settings.max_error and not found.promise.lossless:
             check_bound(channel, found, settings)
-        return found
+        return found, load
 
-    return list(in_order(gridded, range(first, stop), job.threads))
+    prepared, loads = zip(*in_order(gridded, range(first, stop), job.threads), strict=True)
+    return prepared, loads
 
 
 def encode_parts(
@@ -565,7 +568,9 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
         if stop > at:
             ends = parts[at].first, parts[stop - 1].stop
             if ends not in known:
-                known[ends] = list(encode_parts(lossless, ends[0], put_on_grids(lossless, *ends)))
+                known[ends] = list(
+                    encode_parts(lossless, ends[0], put_on_grids(lossless, *ends)[0])
+                )
             rivals += known[ends]
         at = max(stop, at + 1)
     asked = [each.promise for part in parts for each in part.members]

@@ -25,6 +25,7 @@ import numpy as np
 from ..codecs.exact import (
     COEFFICIENT_LIMIT,
     CUBIC,
+    DECIMALS,
     DIGITS_LIMIT,
     LINEAR,
     PRODUCT,
@@ -182,6 +183,7 @@ def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate
             )
     u = search.distinct
     rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *printed_rule(u)]
+    decimals = decimals_of(u)
     found: list[tuple[float, Candidate]] = []
     lattices = {near.calibration: near for near in search.natural_lattices(exact)}
     for near in lattices.values():
@@ -190,10 +192,15 @@ def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate
         # Counts are sorted as u is.
         first = np.flatnonzero(np.diff(near.counts, prepend=near.counts[0] - 1))
         first = first[:: max(1, first.size // TRIALS)]
-        for rule in (*rules, *cubic_rules(near, u[first], near.counts[first])):
-            way = Candidate(near.calibration, near.counts, rule, how)
+        looked = near.counts[first]
+        ways = [
+            Candidate(near.calibration, near.counts, rule, how)
+            for rule in (*rules, *cubic_rules(near, u[first], looked))
+        ]
+        for way in (*ways, *decimal_way(near, u, decimals, how)):
+            rule = way.parameters
             try:
-                given = rule.values(near.counts[first], way.affine)
+                given = rule.values(looked, way.affine)
                 corrections = corrections_of(u[first], given).astype(np.float64)
             except ValueError:
                 continue
@@ -251,6 +258,44 @@ def printed_rule(u: Doubles) -> Iterator[ExactParameters]:
         digits = max(digits, len(mantissa.strip("-").replace(".", "").rstrip("0")))
     if digits:
         yield ExactParameters(SIGNIFICANT, digits)
+
+
+def decimals_of(u: Doubles) -> int | None:
+    """How many decimals the distinct values u may have been printed with, the fewest; None where
+    one has more."""
+    looked = u[:: max(1, u.size // TEXTS)]
+    largest = float(np.abs(looked).max())
+    for decimals in range(DIGITS_LIMIT + 1):
+        power = 10.0**decimals
+        if largest * power >= EXACT_LIMIT:
+            break
+        if (np.rint(looked * power) / power == looked).all():
+            return decimals
+    return None
+
+
+def decimal_way(near: Near, u: Doubles, decimals: int | None, how: str) -> Iterator[Candidate]:
+    """The line through the values of the counts, which then are rounded to that many decimals."""
+    if decimals is None or u.size < FITTED:
+        return
+    a, b, d = near.calibration.a, near.calibration.b, near.calibration.d
+    stride = max(1, u.size // TEXTS)
+    looked, counts = u[::stride], near.counts[::stride]
+    reach = float(np.abs(counts).max()) or 1.0
+    c0, c1 = fit(counts / reach, looked - near.calibration.physical(counts), (0, 1))
+    slope, offset = Fraction(a, d) + Fraction(c1 / reach), Fraction(b, d) + Fraction(c0)
+    most = max(-int(near.counts.min()), int(near.counts.max()), 1)
+    step = slope.limit_denominator(min(int(EXACT_LIMIT / (4 * most * abs(slope))), EXACT_LIMIT - 1))
+    times = max(
+        min(EXACT_LIMIT // (4 * most * abs(step.numerator)), EXACT_LIMIT // step.denominator), 1
+    )
+    # Multiples of D bring the offset nearer.
+    d = step.denominator * times
+    b = round(offset * d)
+    calibration = Calibration(step.numerator * times, b, d)
+    if calibration.covers(int(near.counts.min()), int(near.counts.max())):
+        rule = ExactParameters(SIGNIFICANT, DECIMALS + decimals)
+        yield Candidate(calibration, near.counts, rule, f"{how}, with {decimals} decimals")
 
 
 def binary_grid(x: Doubles, bits: int = GRID_BITS) -> Candidate | None:

@@ -23,12 +23,13 @@ from numpy.typing import NDArray
 from ..recording import Channel, Recording
 from .bounded import error_of
 from .gridded import Gridded
+from .lattice import LatticeSearch
 from .settings import Settings
 
 SHARES = 44
 """One changed byte should take at most this share of the samples, as the mean of all bytes."""
 
-LARGE, PRICE, LARGE_PRICE = 75_000, 0.01, 0.025
+LARGE, PRICE, LARGE_PRICE = 75_000, 0.006, 0.025
 """Bytes of a large file, by an estimate; and the share of the size that short packets may cost, in
 small files and in large ones."""
 
@@ -36,7 +37,7 @@ PACKET = 40
 """Bytes that a packet costs: its row, its predictor, its first states."""
 
 DISTINCT = 1.25
-"""Bytes for each distinct double: a packet tells the correction of each anew."""
+"""Bytes for each double that shares its count with others: a packet tells its correction anew."""
 
 WORST, SEEN = 10.5, 0.005
 """A packet has at most this share of all samples, where its track has SEEN of the bytes."""
@@ -82,26 +83,41 @@ class Load:
         return sqrt(self.size * self.samples * self.cost)
 
 
-def load_of(member: Gridded) -> Load:
-    """The estimate for one channel."""
+def load_of(member: Gridded, search: LatticeSearch) -> Load:
+    """The estimate for one channel; ``search``: of its values as they were recorded."""
     channel, promise = member.channel, member.promise
     size = channel.stored.size
     if not size:
         return Load()
-    looked, cost = pieces_of(channel.stored), float(PACKET)
-    if channel.calibration is None:
-        bits = WORD_SHARE * 8 * looked.itemsize
-        if looked.dtype.kind == "f" and np.isfinite(looked).all():
-            distinct = np.unique(looked)
-            if 2 * distinct.size < looked.size:
-                bits = bits_of(np.searchsorted(distinct, looked))
-                cost += DISTINCT * distinct.size
+    looked, cost = pieces_of(channel.stored).astype(np.float64), float(PACKET)
+    step = natural_step(member, search)
+    if step is not None:
+        near = np.rint(looked / step)
+        shared = np.unique(looked).size - np.unique(near).size
+        bits = bits_of(near)
+        cost += DISTINCT * max(shared, 0)
+    elif channel.calibration is None:
+        bits = WORD_SHARE * 8 * channel.stored.itemsize
     else:
-        step = 2 * error_of(channel, promise) + 1
-        bits = bits_of(looked.astype(np.int64) // step)
+        bits = bits_of(looked // (2 * error_of(channel, promise) + 1))
     if promise.k or promise.texture is not None:
         bits *= FELT_SHARE
     return Load(bits * size / 8, size, cost)
+
+
+def natural_step(member: Gridded, search: LatticeSearch) -> float | None:
+    """The step of doubles that are near to a grid, in the unit of the channel or in its counts."""
+    calibration = member.channel.calibration
+    if not member.promise.lossless or search.given.dtype != np.float64 or search.refusal:
+        return None
+    exact = search.exact
+    if calibration is None:
+        steps = search.steps(None)
+        return steps.low if steps else None
+    if isinstance(exact, str) or member.channel.deviation is not None:
+        return None
+    steps = search.steps(exact)
+    return steps.low / float(abs(calibration.step)) if steps else None
 
 
 def pieces_of(x: NDArray[np.generic]) -> NDArray[np.generic]:
@@ -112,11 +128,10 @@ def pieces_of(x: NDArray[np.generic]) -> NDArray[np.generic]:
     return np.asarray(x[starts[:, None] + np.arange(PIECE)])
 
 
-def bits_of(looked: NDArray[np.int64]) -> float:
+def bits_of(looked: NDArray[np.float64]) -> float:
     """Bits a sample, each piece by the best of the first three differences."""
     found = []
-    x = looked.astype(np.float64)
-    x = x - np.floor(x.mean(axis=1, keepdims=True))
+    x = looked - np.floor(looked.mean(axis=1, keepdims=True))
     for _ in range(3):
         if x.shape[1]:
             found.append(np.log2(1 + SPREAD * np.abs(x).mean(axis=1)))
@@ -160,23 +175,20 @@ class Lengths:
         if not self.density or not load.samples:
             return self.cluster
         ticks = load.samples // len(loads)
-        # A cluster more or less is no matter where there are many.
         least = 0.0
         if load.size > SEEN * self.whole.size:
             least = WORST * load.samples / self.whole.samples
         parts = max(self.density * sqrt(load.size * load.samples) / sqrt(load.cost), least, 1.0)
-        lasts = Fraction(ticks) / rate
-        clusters = max(float(lasts / self.cluster), 1.0)
-        return self.cluster * multiple(clusters, parts, least, ticks, self.longest / self.cluster)
-
-
-def multiple(
-    clusters: float, parts: float, least: float, ticks: int, longest: Fraction
-) -> Fraction:
-    """Clusters of a packet, or the part of a cluster, that is nearest to the parts wanted."""
-    most = max(ticks / SHORTEST, 1.0)
-    ways = [Fraction(n) for n in (1, *CLUSTERS) if n <= longest]
-    ways += [Fraction(1, n) for n in range(2, ceil(parts / clusters) + 2)]
-    found = [(abs(log(max(clusters / way, 1.0) / parts)), -way) for way in ways
-             if least <= clusters / way <= most]  # fmt: skip
-    return -min(found)[1] if found else Fraction(1)
+        lasts, most = Fraction(ticks) / rate, max(ticks / SHORTEST, 1.0)
+        if lasts <= self.cluster:
+            return lasts / round(min(parts, most)) if parts < most else self.cluster
+        clusters = float(lasts / self.cluster)
+        ways = [Fraction(n) for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
+        ways += [Fraction(1, n) for n in range(2, ceil(parts / clusters) + 2)]
+        # Of ways that are as near, the longest packets.
+        found = [
+            (abs(log(max(clusters / way, 1.0) / parts)), -way)
+            for way in ways
+            if least <= clusters / way <= most
+        ]
+        return self.cluster * (-min(found)[1] if found else 1)
