@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from ..recording import Channel, Recording
 from .bounded import error_of
 from .gridded import Gridded
-from .lattice import LatticeSearch
+from .lattice import Lattice, LatticeSearch, sparse
 from .settings import Settings
 
 SHARES = 44
 """One changed byte should take at most this share of the samples, as the mean of all bytes."""
 
-LARGE, PRICE, LARGE_PRICE = 75_000, 0.006, 0.025
+LARGE, PRICE, LARGE_PRICE = 88_000, 0.006, 0.025
 """Bytes of a large file, by an estimate; and the share of the size that short packets may cost, in
 small files and in large ones."""
 
@@ -45,8 +45,9 @@ WORST, SEEN = 10.5, 0.005
 SHORTEST = 128
 """Ticks of a packet."""
 
-CLUSTERS = (12, 6, 4, 3, 2)
-"""Clusters of a short recording: as many as a third of SHARES allows."""
+CLUSTERS, ENOUGH = (12, 6, 4, 3, 2), 6
+"""Clusters of a short recording: as many as a third of SHARES allows. A recording that has ENOUGH
+of the longest keeps these."""
 
 PIECES, PIECE = 16, 256
 """Samples of a channel that are looked at."""
@@ -58,7 +59,7 @@ WORD_SHARE = 0.8
 """Of the bits of a number that has no grid."""
 
 FELT_SHARE = 1 / 3
-"""Of the bits of a bounded channel that one with a relative bound takes, or a texture."""
+"""Of the bits of a bounded channel that one with a texture takes."""
 
 
 @dataclass(frozen=True)
@@ -99,9 +100,11 @@ def load_of(member: Gridded, search: LatticeSearch) -> Load:
     elif channel.calibration is None:
         bits = WORD_SHARE * 8 * channel.stored.itemsize
     else:
-        bits = bits_of(looked // (2 * error_of(channel, promise) + 1))
-    if promise.k or promise.texture is not None:
-        bits *= FELT_SHARE
+        away = np.abs(looked - channel.calibration.zero)
+        room = max(error_of(channel, promise), int(promise.k * Fraction(float(np.median(away)))))
+        bits = bits_of(looked // (2 * room + 1))
+        if promise.texture is not None:
+            bits *= FELT_SHARE
     return Load(bits * size / 8, size, cost)
 
 
@@ -110,13 +113,13 @@ def natural_step(member: Gridded, search: LatticeSearch) -> float | None:
     calibration = member.channel.calibration
     if not member.promise.lossless or search.given.dtype != np.float64 or search.refusal:
         return None
-    exact = search.exact
     if calibration is None:
         steps = search.steps(None)
         return steps.low if steps else None
-    if isinstance(exact, str) or member.channel.deviation is not None:
+    counts = member.channel.stored
+    if member.channel.deviation is not None or not sparse(pieces_of(counts)):
         return None
-    steps = search.steps(exact)
+    steps = search.steps(Lattice(calibration, counts, True, 0.0, ""))
     return steps.low / float(abs(calibration.step)) if steps else None
 
 
@@ -148,9 +151,12 @@ class Lengths:
     """Seconds of the longest packet."""
 
     whole: Load = Load()
-    density: float = 0.0
-    """Packets of a track, for each root of its load over its cost. 0: all are as long as a
+    shares: float = 0.0
+    """One changed byte takes one of so many shares of the samples. 0: all packets are as long as a
     cluster."""
+
+    density: float = 0.0
+    """Packets of a track, for each root of its load over its cost."""
 
     @classmethod
     def of(cls, recording: Recording, settings: Settings, loads: Sequence[Load]) -> Lengths:
@@ -165,19 +171,22 @@ class Lengths:
         end = max(channel.coverage[-1].stop / channel.rate_exact for channel in some)
         fastest = max(channel.rate_exact for channel in recording.channels)
         count = next((n for n in CLUSTERS if 3 * n <= shares), 1)
-        ticks = ceil((end - begin) * fastest / count)
-        cluster = min(longest, Fraction(max(ticks, SHORTEST)) / fastest) if count > 1 else longest
-        return cls(cluster, longest, whole, shares * root / (whole.size * whole.samples))
+        cluster = longest
+        if count > 1 and end - begin < ENOUGH * longest:
+            ticks = ceil((end - begin) * fastest / count)
+            cluster = min(longest, Fraction(max(ticks, SHORTEST)) / fastest)
+        density = shares * root / (whole.size * whole.samples)
+        return cls(cluster, longest, whole, shares, density)
 
     def seconds(self, channels: Sequence[Channel], loads: Sequence[Load]) -> Fraction:
         """Of the packets of a track with these channels."""
         load, rate = Load.of(loads), channels[0].rate_exact
-        if not self.density or not load.samples:
+        if not self.shares or not load.samples:
             return self.cluster
         ticks = load.samples // len(loads)
         least = 0.0
         if load.size > SEEN * self.whole.size:
-            least = WORST * load.samples / self.whole.samples
+            least = WORST * self.shares / SHARES * load.samples / self.whole.samples
         parts = max(self.density * sqrt(load.size * load.samples) / sqrt(load.cost), least, 1.0)
         lasts, most = Fraction(ticks) / rate, max(ticks / SHORTEST, 1.0)
         if lasts <= self.cluster:
