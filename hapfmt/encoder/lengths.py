@@ -59,7 +59,7 @@ WORD_SHARE = 0.8
 """Of the bits of a number that has no grid."""
 
 FELT_SHARE = 1 / 3
-"""Of the bits of a bounded channel that one with a texture takes."""
+"""Of the bits of a bounded channel that one with a texture takes, or with a relative bound."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def load_of(member: Gridded, search: LatticeSearch) -> Load:
         away = np.abs(looked - channel.calibration.zero)
         room = max(error_of(channel, promise), int(promise.k * Fraction(float(np.median(away)))))
         bits = bits_of(looked // (2 * room + 1))
-        if promise.texture is not None:
+        if promise.k or promise.texture is not None:
             bits *= FELT_SHARE
     return Load(bits * size / 8, size, cost)
 

@@ -135,7 +135,11 @@ TRACK = Layout(
     Field("rate_den", "u32", "denominator of the rate"),
     Field("count_min", "i32", "declared range of a decoded count, lowest"),
     Field("count_max", "i32", "declared range of a decoded count, highest"),
-    Field("first_channel", "u16", "channel number of the first component; the others follow"),
+    Field(
+        "first_channel",
+        "u16",
+        "channel number of the first component; the others follow, or are given (TLV 5)",
+    ),
     Field(
         "linked", "u16", "HF: id of its base track; else of the track that it continues, or 0xFFFF"
     ),

@@ -72,6 +72,15 @@ function opened(bytes) {
 
 const hasChannels = ({ kind }) => kind === 'full' || kind === 'lf';
 
+// Where the channel numbers after the first are in a track (TLV 5); 0: they are not given.
+function channelsAt(record) {
+  const view = new DataView(record.buffer, record.byteOffset, record.length);
+  for (let at = 28; at < record.length; at += 4 + view.getUint16(at + 2, true)) {
+    if (view.getUint16(at, true) === 5) return at + 4;
+  }
+  return 0;
+}
+
 // Which tracks are kept, under which ids, and the new numbers of their channels (EDT-003, EDT-004).
 function lay(file, asked) {
   const all = [...file.allTracks.values()];
@@ -88,6 +97,8 @@ function lay(file, asked) {
     const view = new DataView(record.buffer);
     if (track.kind !== 'events') {
       view.setUint16(24, numbers.get(track.firstChannel), true);
+      const given = channelsAt(record);
+      if (given) track.channels.slice(1).forEach((channel, c) => view.setUint16(given + 2 * c, numbers.get(channel), true));
       const linked = track.kind === 'hf' ? track.base : track.continues;
       view.setUint16(26, linked === null ? NONE : ids.get(linked), true);
     }
