@@ -41,6 +41,7 @@ from .exact import (
     encode_linear,
     encode_words,
     find_relations,
+    groups_of,
     stretches,
     words_size,
 )
@@ -161,10 +162,18 @@ class PlacedUnit:
     members: list[Gridded]
     apart: tuple[PlacedUnit, ...] = ()
     """The channels of a track with references, each alone."""
+    tracks: tuple[PlacedUnit, ...] = ()
+    """Where these are several tracks, whose channels lie among each other: what each became."""
+    numbers: tuple[int, ...] = ()
+    """Of its channels, where they do not follow one another."""
 
     @property
     def stop(self) -> int:
         return self.first + len(self.members)
+
+    @property
+    def channels(self) -> Sequence[int]:
+        return self.numbers or range(self.first, self.stop)
 
 
 @dataclass(frozen=True)
@@ -191,10 +200,24 @@ class EncodeJob:
             return given
         return Settings(references=given.references, cluster=given.cluster, digest=given.digest)
 
-    def spans(self, channels: Sequence[Channel], first: int, components: int) -> tuple[Span, ...]:
-        """The packets of a track that has these channels, from number ``first`` on."""
-        loads = self.loads[first : first + len(channels)]
-        seconds = self.lengths.seconds(channels, loads)
+    def with_sizes(self, parts: list[PlacedUnit], found: list[Relation]) -> EncodeJob:
+        """The same, with the sizes of these channels as they turned out."""
+        loads = list(self.loads)
+        for part in parts:
+            loads[part.first] = replace(loads[part.first], size=part.unit.size)
+        for each in found:
+            number = parts[each.target].first
+            loads[number] = replace(loads[number], size=each.bits * loads[number].samples / 8)
+        places = groups_of(found, len(parts))
+        apart = [*loads[: parts[0].first], *loads[parts[-1].stop :]]
+        tracks = [Load.of(loads[parts[place].first] for place in group) for group in places]
+        return replace(self, loads=loads, lengths=self.lengths.known([*apart, *tracks]))
+
+    def spans(
+        self, channels: Sequence[Channel], numbers: Sequence[int], components: int
+    ) -> tuple[Span, ...]:
+        """The packets of a track that has the channels of these numbers."""
+        seconds = self.lengths.seconds(channels, [self.loads[number] for number in numbers])
         return tuple(cut(channels[0].coverage, channels[0].rate_exact, seconds, components))
 
 
@@ -319,9 +342,11 @@ class Encoding:
     def complete(self, parts: list[PlacedUnit]) -> Encoded:
         """Tracks and packets, and what is reported of them."""
         settings, job = self.job.settings, self.job
+        parts = [each for part in parts for each in part.tracks or (part,)]
         decisions: list[Decision] = []
         for part in parts:
             decisions += decide(part, job.originals, self.recording)
+        decisions.sort(key=lambda each: each.channel)
         tracks, packets = number_tracks([part.unit for part in parts])
         exact = not any(decision.largest_error for decision in decisions)
         if exact and settings.preset != "lossless":
@@ -458,7 +483,8 @@ def encode_members(
     error = error_of(channels[0], members[0].promise)
     # Half of the components: packets of LPCR take less than five bytes a sample.
     half = (len(channels) + 1) // 2
-    joint = encode_run(channels, first, error, job.spans(channels, first, half), links, units)
+    spans = job.spans(channels, range(first, first + len(channels)), half)
+    joint = encode_run(channels, first, error, spans, links, units)
     if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in units):
         joint.channels = tuple(channels)
         joint.least = sum(unit.least for unit in units)
@@ -480,7 +506,8 @@ def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUn
         at = 0
         for start, stop in stretches(found):
             yield from run[at:start]
-            yield from joined(run[start:stop], columns[start:stop], found, start, job)
+            own = [each.moved(-start) for each in found if start <= each.target < stop]
+            yield from joined(run[start:stop], columns[start:stop], own, job)
             at = stop
         yield from run[at:]
 
@@ -489,29 +516,45 @@ def joined(
     parts: list[PlacedUnit],
     columns: list[NDArray[np.float64]],
     found: list[Relation],
-    start: int,
     job: EncodeJob,
 ) -> list[PlacedUnit]:
-    """One part, where that is smaller. ``found``: counted from ``start`` places before."""
-    first = parts[0].first
+    """One part of several tracks, where that is smaller: channels that follow from each other share
+    one."""
+    job = job.with_sizes(parts, found)
+    tracks = [
+        part
+        for places in groups_of(found, len(parts))
+        for part in related([parts[place] for place in places], columns, found, places, job)
+    ]
+    if len(tracks) == len(parts):
+        return parts
+    # For what compares sizes, all of them are one.
+    every = [packet for part in tracks for packet in part.unit.base.packets]
+    whole = Unit(Coded(tracks[0].unit.base.track, every), exact=True)
+    members = [part.members[0] for part in parts]
+    return [PlacedUnit(whole, parts[0].first, members, tracks=tuple(tracks))]
+
+
+def related(
+    parts: list[PlacedUnit],
+    columns: list[NDArray[np.float64]],
+    found: list[Relation],
+    places: Sequence[int],
+    job: EncodeJob,
+) -> list[PlacedUnit]:
+    """One track of the parts at these places, where it is smaller than they are."""
+    if len(parts) == 1:
+        return parts
     members = [part.members[0] for part in parts]
     channels = [each.channel for each in members]
-    moved = [
-        each._replace(
-            target=each.target - start,
-            source=each.source - start,
-            terms=tuple(t._replace(component=t.component - start) for t in each.terms),
-        )
-        for each in found
-        if start <= each.target < start + len(parts)
-    ]
+    numbers = tuple(part.first for part in parts)
     units = [part.unit for part in parts]
-    spans = job.spans(channels, first, (len(channels) + 1) // 2)
-    joint = encode_linear(channels, columns, units, moved, first, spans)
-    apart = sum(unit.size for unit in units)
-    if joint is None or joint.size >= (1 - SAVED) * apart:
+    spans = job.spans(channels, numbers, (len(channels) + 1) // 2)
+    own = [each.among(places) for each in found if each.target in places]
+    joint = encode_linear(channels, [columns[a] for a in places], units, own, numbers, spans)
+    if joint is None or joint.size >= (1 - SAVED) * sum(unit.size for unit in units):
         return parts
-    return [PlacedUnit(joint, first, members)]
+    return [PlacedUnit(joint, numbers[0], members, numbers=numbers)]
 
 
 def runs_of_doubles(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[list[PlacedUnit]]:
@@ -645,10 +688,10 @@ def decide(part: PlacedUnit, originals: list[Channel], recording: Recording) -> 
     errors = largest_errors(
         unit,
         unit.channels or [each.channel for each in part.members],
-        [as_recorded(channel) for channel in sources[part.first : part.stop]],
+        [as_recorded(sources[number]) for number in part.channels],
     )
     for place, each in enumerate(part.members):
-        number = part.first + place
+        number = part.channels[place]
         reason, size = shares[place]
         given = recording.channels[number]
         why = "" if each.promise.why == reason else each.promise.why
@@ -690,7 +733,8 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         raise ParameterError(
             f"rate {channel.rate_exact} of channel {channel.label!r} needs more than 32 bits"
         )
-    spans = job.spans(channels, first_channel, len(channels))
+    numbers = range(first_channel, first_channel + len(channels))
+    spans = job.spans(channels, numbers, len(channels))
     if channel.calibration is None:
         kind = WORDS.get(channel.stored.dtype)
         if kind is None:

@@ -420,6 +420,18 @@ class Relation(NamedTuple):
     terms: tuple[LinearTerm, ...]
     bits: float
 
+    def moved(self, by: int) -> Relation:
+        """The same among channels whose places differ by that."""
+        return self.renamed(lambda place: place + by)
+
+    def among(self, places: Sequence[int]) -> Relation:
+        """The same among the channels at these places alone."""
+        return self.renamed(places.index)
+
+    def renamed(self, name: Callable[[int], int]) -> Relation:
+        terms = tuple(term._replace(component=name(term.component)) for term in self.terms)
+        return self._replace(target=name(self.target), source=name(self.source), terms=terms)
+
 
 def find_relations(columns: Sequence[Doubles], costly: Sequence[bool]) -> list[Relation]:
     """The best of each costly channel, where one saves enough. ``columns``: of equal length, no
@@ -598,15 +610,29 @@ def stretches(relations: Sequence[Relation]) -> list[tuple[int, int]]:
     return found
 
 
+def groups_of(relations: Sequence[Relation], count: int) -> list[list[int]]:
+    """The places of ``count`` channels in groups that no relation leaves, by their first places."""
+    group = list(range(count))
+    for relation in relations:
+        one, other = sorted((group[relation.target], group[relation.source]))
+        group = [one if each == other else each for each in group]
+    return [
+        [place for place, each in enumerate(group) if each == first]
+        for first in range(count)
+        if group[first] == first
+    ]
+
+
 def encode_linear(
     channels: Sequence[Channel],
     columns: Sequence[Doubles],
     units: Sequence[Unit],
     relations: Sequence[Relation],
-    first_channel: int,
+    numbers: Sequence[int],
     spans: Sequence[Span],
 ) -> Unit | None:
-    """One track of neighbouring channels; None where they have no common range of counts."""
+    """One track of channels, in the order of their numbers; None where they have no common range
+    of counts."""
     related = {relation.target: relation for relation in relations}
     candidates: list[Candidate] = []
     for place, x in enumerate(columns):
@@ -632,7 +658,8 @@ def encode_linear(
     ]
     track = make_track(
         described,
-        first_channel,
+        numbers[0],
+        further=() if follow_on(numbers) else tuple(numbers[1:]),
         codec="LPCX",
         parameters=b"".join(each.parameters.build() for each in candidates),
         count_min=low,
@@ -651,15 +678,18 @@ def encode_linear(
             return None
         coded.packets.append(Packet(0, span.start, span.ticks, data))
         sizes += each_size
-    last = first_channel + len(channels) - 1
-    parts = []
+    parts, every = [], ", ".join(map(str, numbers))
     for place, size in enumerate(sizes.tolist()):
         relation = related.get(place)
-        how = f"track of {first_channel}-{last}"
+        how = f"track of {every}"
         if relation is not None:
-            how += f", linear in {first_channel + relation.source}"
+            how += f", linear in {numbers[relation.source]}"
         parts.append((f"bit for bit, {how}", size))
     return Unit(coded, None, "predicted + exact", "bit for bit", exact=True, parts=tuple(parts))
+
+
+def follow_on(numbers: Sequence[int]) -> bool:
+    return list(numbers) == list(range(numbers[0], numbers[0] + len(numbers)))
 
 
 def candidate_of(unit: Unit, x: Doubles) -> Candidate | None:

@@ -13,7 +13,7 @@ channels, and not some channels.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil, log, sqrt
 
@@ -26,7 +26,7 @@ from .gridded import Gridded
 from .lattice import Lattice, LatticeSearch, sparse
 from .settings import Settings
 
-SHARES = 44
+SHARES = 56
 """One changed byte should take at most this share of the samples, as the mean of all bytes."""
 
 LARGE, PRICE, LARGE_PRICE = 88_000, 0.006, 0.025
@@ -177,6 +177,14 @@ class Lengths:
             cluster = min(longest, Fraction(max(ticks, SHORTEST)) / fastest)
         density = shares * root / (whole.size * whole.samples)
         return cls(cluster, longest, whole, shares, density)
+
+    def known(self, tracks: Sequence[Load]) -> Lengths:
+        """The same, where these are all tracks, after some were coded."""
+        whole = Load.of(tracks)
+        root = sum(load.root for load in tracks)
+        if not self.shares or not root:
+            return self
+        return replace(self, whole=whole, density=self.shares * root / (whole.size * whole.samples))
 
     def seconds(self, channels: Sequence[Channel], loads: Sequence[Load]) -> Fraction:
         """Of the packets of a track with these channels."""
