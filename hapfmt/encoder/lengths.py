@@ -26,8 +26,10 @@ from .gridded import Gridded
 from .lattice import Lattice, LatticeSearch, sparse
 from .settings import Settings
 
-SHARES = 56
-"""One changed byte should take at most this share of the samples, as the mean of all bytes."""
+SHARES, TRIED, GUESSED = 35, (38, 42, 46, 50, 54, 58), 50
+"""One changed byte should take at most one of SHARES of the samples, as the mean of all bytes.
+Numbers of packets are rounded, so several numbers of shares are TRIED; from GUESSED on where some
+channels may turn out to follow from others."""
 
 LARGE, PRICE, LARGE_PRICE = 88_000, 0.006, 0.025
 """Bytes of a large file, by an estimate; and the share of the size that short packets may cost, in
@@ -69,6 +71,8 @@ class Load:
     size: float = 0.0
     samples: int = 0
     cost: float = PACKET
+    guessed: bool = False
+    """Whether it is of doubles without a grid."""
 
     @classmethod
     def of(cls, loads: Iterable[Load]) -> Load:
@@ -105,7 +109,8 @@ def load_of(member: Gridded, search: LatticeSearch) -> Load:
         bits = bits_of(looked // (2 * room + 1))
         if promise.k or promise.texture is not None:
             bits *= FELT_SHARE
-    return Load(bits * size / 8, size, cost)
+    guessed = step is None and channel.calibration is None
+    return Load(bits * size / 8, size, cost, guessed)
 
 
 def natural_step(member: Gridded, search: LatticeSearch) -> float | None:
@@ -165,23 +170,36 @@ class Lengths:
         if settings.cluster is not None or settings.preset == "paper" or not root:
             return cls(longest, longest)
         price = LARGE_PRICE if whole.size >= LARGE else PRICE
-        shares = min(SHARES, price * whole.size**2 * whole.samples / root**2)
+        most = price * whole.size**2 * whole.samples / root**2
+        guessed = settings.references and sum(load.guessed for load in loads) > 1
+        tried = [min(most, n) for n in TRIED if n >= GUESSED or not guessed]
         some = [channel for channel in recording.channels if channel.coverage]
         begin = min(channel.coverage[0].start / channel.rate_exact for channel in some)
         end = max(channel.coverage[-1].stop / channel.rate_exact for channel in some)
         fastest = max(channel.rate_exact for channel in recording.channels)
-        count = next((n for n in CLUSTERS if 3 * n <= shares), 1)
+        count = next((n for n in CLUSTERS if 3 * n <= tried[0]), 1)
         cluster = longest
         if count > 1 and end - begin < ENOUGH * longest:
             ticks = ceil((end - begin) * fastest / count)
             cluster = min(longest, Fraction(max(ticks, SHORTEST)) / fastest)
-        density = shares * root / (whole.size * whole.samples)
-        return cls(cluster, longest, whole, shares, density)
+        found = cls(cluster, longest, whole)
+        for shares in tried:
+            found = replace(found, shares=shares).known(loads)
+            if found.loss(recording.channels, loads) * SHARES <= 1:
+                break
+        return found
+
+    def loss(self, channels: Sequence[Channel], loads: Sequence[Load]) -> float:
+        """The mean share of all samples that one changed byte takes."""
+        lost = 0.0
+        for channel, load in zip(channels, loads, strict=True):
+            ticks = float(self.seconds([channel], [load]) * channel.rate_exact)
+            lost += load.size * min(ticks, load.samples)
+        return lost / (self.whole.size * self.whole.samples)
 
     def known(self, tracks: Sequence[Load]) -> Lengths:
-        """The same, where these are all tracks, after some were coded."""
-        whole = Load.of(tracks)
-        root = sum(load.root for load in tracks)
+        """The same, where these are all tracks."""
+        whole, root = Load.of(tracks), sum(load.root for load in tracks)
         if not self.shares or not root:
             return self
         return replace(self, whole=whole, density=self.shares * root / (whole.size * whole.samples))
@@ -194,7 +212,7 @@ class Lengths:
         ticks = load.samples // len(loads)
         least = 0.0
         if load.size > SEEN * self.whole.size:
-            least = WORST * self.shares / SHARES * load.samples / self.whole.samples
+            least = WORST * min(self.shares / SHARES, 1) * load.samples / self.whole.samples
         parts = max(self.density * sqrt(load.size * load.samples) / sqrt(load.cost), least, 1.0)
         lasts, most = Fraction(ticks) / rate, max(ticks / SHORTEST, 1.0)
         if lasts <= self.cluster:
