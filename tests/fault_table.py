@@ -645,7 +645,7 @@ FAULTS = [
         f.lpcx_parameters(3, 0, bytes(2), (float("nan"), 1, 0, 0)))),
     Fault("EXA-002", 100, "digits of a quotient", described(f.lpcx_parameters(0, 1))),
     Fault("EXA-002", 100, "no significant digit", described(f.lpcx_parameters(2, 0))),
-    Fault("EXA-002", 100, "16 significant digits", described(f.lpcx_parameters(2, 16))),
+    Fault("EXA-002", 100, "16 decimals", described(f.lpcx_parameters(2, 32))),
     Fault("EXA-003", 100, "counts past the packet", counts(FIVE[:-1])),
     Fault("EXA-003", DATA_AT - 1 + f.HEADER + 15, "an exact count outside its range", judged(f.file(
         HEAD, ("TRAK", exact_track(), {"track": 0}),

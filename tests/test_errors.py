@@ -198,7 +198,7 @@ def test_coded_knots(fault):
 def test_exact(fault):
     """
     EXA-001: A track of codec `LPCX` MUST be of kind full band, without contract and without deviation.
-    EXA-002: `rule` MUST be at most 4. `digits` is 1 to 15 with rule 2, else 0, `terms` 1 to 16 with rule 4, else 0. Coefficients and weights are finite and of a magnitude below 2^900. `a` is a component that is decoded before, or the component itself with a `lag` of at least 1.
+    EXA-002: `rule` MUST be at most 4. `digits` is 1 to 31 with rule 2, else 0, `terms` 1 to 16 with rule 4, else 0. Coefficients and weights are finite and of a magnitude below 2^900. `a` is a component that is decoded before, or the component itself with a `lag` of at least 1.
     EXA-003: The counts MUST end within the packet and lie within the declared range of their track: lossless counts are never clamped. The parts fit the packet: their sizes are together at most what follows them.
     EXA-004: Undefined flags MUST be 0, and z at most 63.
     """

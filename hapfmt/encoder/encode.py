@@ -151,6 +151,8 @@ class Encoded:
     """As asked for; of preset lossless where nothing was lost after all."""
     cluster: Fraction
     """Seconds of a cluster."""
+    cluster_samples: int | None = None
+    """Most samples of a chunk; None: as many as the level allows."""
 
 
 @dataclass(frozen=True)
@@ -351,8 +353,9 @@ class Encoding:
         exact = not any(decision.largest_error for decision in decisions)
         if exact and settings.preset != "lossless":
             settings = job.lossless
+        level, lengths = choose_level(tracks), job.lengths
         return Encoded(
-            tracks, packets, decisions, choose_level(tracks), settings, job.lengths.cluster
+            tracks, packets, decisions, level, settings, lengths.cluster, lengths.cluster_samples
         )
 
 

@@ -31,7 +31,7 @@ SHARES, TRIED, GUESSED = 35, (38, 42, 46, 50, 54, 58), 50
 Numbers of packets are rounded, so several numbers of shares are TRIED; from GUESSED on where some
 channels may turn out to follow from others."""
 
-LARGE, PRICE, LARGE_PRICE = 88_000, 0.006, 0.025
+LARGE, PRICE, LARGE_PRICE = 95_000, 0.006, 0.025
 """Bytes of a large file, by an estimate; and the share of the size that short packets may cost, in
 small files and in large ones."""
 
@@ -42,7 +42,8 @@ DISTINCT = 1.25
 """Bytes for each double that shares its count with others: a packet tells its correction anew."""
 
 WORST, SEEN = 10.5, 0.005
-"""A packet has at most this share of all samples, where its track has SEEN of the bytes."""
+"""A packet has at most this share of all samples, where its track has SEEN of the bytes; and a
+chunk of a large file."""
 
 SHORTEST = 128
 """Ticks of a packet."""
@@ -188,6 +189,11 @@ class Lengths:
             if found.loss(recording.channels, loads) * SHARES <= 1:
                 break
         return found
+
+    @property
+    def cluster_samples(self) -> int | None:
+        """Most samples of a chunk of a large file: all are lost where its header is damaged."""
+        return int(self.whole.samples / WORST) if self.shares >= SHARES else None
 
     def loss(self, channels: Sequence[Channel], loads: Sequence[Load]) -> float:
         """The mean share of all samples that one changed byte takes."""

@@ -252,7 +252,7 @@ def put(
     for type_, payload in extras:
         out.chunk(type_, payload)
     for packets in clusters(tracks, encoded.packets + marks, encoded.cluster):
-        out.cluster(packets)
+        out.cluster(packets, encoded.cluster_samples)
     for chunk in observed:
         out.chunk(*chunk)
     if encoded.settings.digest:

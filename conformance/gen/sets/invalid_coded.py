@@ -322,7 +322,7 @@ EXACT = [
      exact(COUNTS, 0, 1), [FIVES]),
     ("exact-no-significant-digit", "EXA-002", "The rule is 2 and digits 0.",
      exact(COUNTS, 2, 0), [FIVES]),
-    ("exact-16-significant-digits", "EXA-002", "The rule is 2 and digits 16.",
+    ("exact-16-decimals", "EXA-002", "The rule is 2 and digits 32.",
      exact(COUNTS, 2, 16), [FIVES]),
     ("exact-reserved", "HED-005", "A reserved byte of LPCX is 1.",
      exact(COUNTS, 0, 0, b"\0\1"), [FIVES]),
