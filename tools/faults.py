@@ -2,7 +2,7 @@
 
 python tools/faults.py [--trials N] [--quick] [--many] [--foreign]      default 1000 of each kind
 python tools/faults.py --sizes [--trials N] [--write]   what comes back of files of 2 kB to 5 MB
-python tools/faults.py --law [--trials N] [DATA]    one byte at each of N places, and files cut at half
+python tools/faults.py --law [--trials N] [DATA]   one byte at each of N places; files cut at half
 
 --quick: 50 of each kind. --many: a recorder's file too, 22 channels at 1 kHz in clusters of 1 s.
 --foreign: tactile arrays too, of 16, 64 and 200 mostly silent channels, and all of them with parts

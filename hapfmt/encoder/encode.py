@@ -390,8 +390,8 @@ def put_on_grids(
             check_bound(channel, found, settings)
         return found, load
 
-    prepared, loads = zip(*in_order(gridded, range(first, stop), job.threads), strict=True)
-    return prepared, loads
+    pairs = list(in_order(gridded, range(first, stop), job.threads))
+    return tuple(found for found, _ in pairs), tuple(load for _, load in pairs)
 
 
 def encode_parts(

@@ -107,7 +107,7 @@ def load_of(member: Gridded, search: LatticeSearch) -> Load:
     else:
         away = np.abs(looked - channel.calibration.zero)
         room = max(error_of(channel, promise), int(promise.k * Fraction(float(np.median(away)))))
-        bits = bits_of(looked // (2 * room + 1))
+        bits = bits_of(np.rint(looked / (2 * room + 1)))
         if promise.k or promise.texture is not None:
             bits *= FELT_SHARE
     guessed = step is None and channel.calibration is None

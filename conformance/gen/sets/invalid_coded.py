@@ -323,7 +323,7 @@ EXACT = [
     ("exact-no-significant-digit", "EXA-002", "The rule is 2 and digits 0.",
      exact(COUNTS, 2, 0), [FIVES]),
     ("exact-16-decimals", "EXA-002", "The rule is 2 and digits 32.",
-     exact(COUNTS, 2, 16), [FIVES]),
+     exact(COUNTS, 2, 32), [FIVES]),
     ("exact-reserved", "HED-005", "A reserved byte of LPCX is 1.",
      exact(COUNTS, 0, 0, b"\0\1"), [FIVES]),
     ("exact-of-no-bytes", "CNV-002", "A packet of LPCX is empty.", exact(b""), None, 2),

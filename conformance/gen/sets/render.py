@@ -249,7 +249,7 @@ def exact() -> Iterator[Case]:
         lattice(tens, (99_996, 0, 10**7), 2, 4, id=2),
     )  # fmt: skip
     yield render(
-        "exact-decimals", "Rule 2 with decimals: ties, numbers that round to 0, and too large ones.",
+        "exact-decimals", "Rule 2 with decimals: ties, numbers that round to 0, and large ones.",
         rules,
         lattice([0, 1, -1, 5, -5, 15, 25, 12_345, -8_388_608], (1, 0, 1000), 2, 16 + 2),
         lattice([1, -1, 3, 77_777, -8_388_607], (7, 3, 30_000_001), 2, 16 + 6, id=1),
