@@ -365,7 +365,10 @@ FAULTS = [
     Fault("TRK-007", 100, "base full band", added(f.trak(), RESIDUAL)),
     Fault("TRK-007", 100, "another rate", added(UP_TO_HF, f.trak(kind=2, base=0, rate_num=1))),
     Fault("TRK-009", 102, "HF with a label", tracks(f.tlv(2, f.strings("")), kind=2, base=0)),
+    Fault("TRK-009", 133, "LF with channel numbers", tracks(f.tlv(5, b""), kind=1)),
     Fault("TRK-010", 102, "channel 65535", tracks(first_channel=65535)),
+    Fault("TRK-010", 133, "a channel twice", tracks(f.tlv(5, bytes(2)), component_count=2)),
+    Fault("TLV-004", 133, "a channel number too many", tracks(f.tlv(5, bytes(2)))),
     Fault("TRK-010", 100, "channel taken", added(f.trak(), f.trak())),
     Fault("TRK-012", TRACK_AT + f.HEADER, "LF alone", judged(
         f.closed(HEAD, ("TRAK", f.trak(kind=1)), DATA))),
@@ -656,7 +659,7 @@ FAULTS = [
         f.lpcx_parameters(3, 0, bytes(2), (float("nan"), 1, 0, 0)))),
     Fault("EXA-002", 100, "digits of a quotient", described(f.lpcx_parameters(0, 1))),
     Fault("EXA-002", 100, "no significant digit", described(f.lpcx_parameters(2, 0))),
-    Fault("EXA-002", 100, "16 significant digits", described(f.lpcx_parameters(2, 16))),
+    Fault("EXA-002", 100, "16 decimals", described(f.lpcx_parameters(2, 32))),
     Fault("EXA-003", 100, "counts past the packet", counts(FIVE[:-1])),
     Fault("EXA-003", DATA_AT - 1 + f.HEADER + 15, "an exact count outside its range", judged(f.file(
         HEAD, ("TRAK", exact_track()),

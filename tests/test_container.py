@@ -265,7 +265,7 @@ class TestTlv:
     @given(st.lists(strategies.texts, min_size=1, max_size=4))
     def test_string_lists(self, items):
         """
-        TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. A contract fills its value too. The first entry of a string list is not the byte 255.
+        TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. A contract fills its value too, and so do channel numbers. The first entry of a string list is not the byte 255.
         CNV-004: Text MUST be well-formed UTF-8 (RFC 3629) without U+0000.
         """
         assert parse_strings(f.strings(*items), len(items), 0) == tuple(items)

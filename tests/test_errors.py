@@ -44,7 +44,7 @@ def test_conventions(fault):
     """
     CNV-002: A varint MUST be less than 2^53, at most 8 bytes long, and minimal: its last byte is not 0 unless it is its only byte.
     CNV-004: Text MUST be well-formed UTF-8 (RFC 3629) without U+0000.
-    TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. A contract fills its value too. The first entry of a string list is not the byte 255.
+    TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. A contract fills its value too, and so do channel numbers. The first entry of a string list is not the byte 255.
     """
     assert_reported(fault)
 
@@ -75,7 +75,7 @@ def test_head(fault):
 def test_tlv(fault):
     """
     TLV-001: TLVs MUST be in strictly increasing order of their types, which are at most 65535. Each lies within its chunk, and no bytes are left over after the last one.
-    TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. A contract fills its value too. The first entry of a string list is not the byte 255.
+    TLV-004: A list MUST have one entry, which applies to all components of the track, or one entry for each, and fill its value. A contract fills its value too, and so do channel numbers. The first entry of a string list is not the byte 255.
     TLV-005: Both numbers of a deviation MUST be finite and not negative, and `largest` at most `declared`.
     """
     assert_reported(fault)
@@ -89,7 +89,7 @@ def test_tracks(fault):
     TRK-005: `count_min` MUST be at most `count_max`, and both MUST fit the width that the level allows for the kind (clause 12).
     TRK-006: A track whose number format is not counts MUST be of kind full band, with codec `RAWB`. Its count_min and count_max are 0, and it has no calibration and no contract.
     TRK-007: `linked` of an HF track MUST name its base track, an LF track described before it. Both have the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
-    TRK-009: An HF track MUST have no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
+    TRK-009: An HF track MUST have no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base. Only tracks of kind full band have TLV 5.
     TRK-012: In a closed file every track of kind LF MUST be the base of an HF track. An LF part alone is of kind full band.
     TRK-010: Channel numbers MUST be at most 65534, and different for different components; only HF tracks and continued tracks share them. In a closed file they are 0, 1, 2 ... without a hole.
     TRK-016: A track that another continues MUST be of kind full band or LF, described before it under a smaller id, and continued only once. Both have the same component count, channel numbers, rate (as a ratio), number format, and in each component calibration (A, B, D) and unit. All packets of the continued track come before those of the other, in time and within the file. The same order applies to their HF tracks.
@@ -197,7 +197,7 @@ def test_coded_knots(fault):
 def test_exact(fault):
     """
     EXA-001: A track of codec `LPCX` MUST be of kind full band, without contract and without deviation.
-    EXA-002: `rule` MUST be at most 4. `digits` is 1 to 15 with rule 2, else 0, `terms` 1 to 16 with rule 4, else 0. Coefficients and weights are finite and of a magnitude below 2^900. `a` is a component that is decoded before, or the component itself with a `lag` of at least 1.
+    EXA-002: `rule` MUST be at most 4. `digits` is 1 to 31 with rule 2, else 0, `terms` 1 to 16 with rule 4, else 0. Coefficients and weights are finite and of a magnitude below 2^900. `a` is a component that is decoded before, or the component itself with a `lag` of at least 1.
     EXA-003: The counts MUST end within the packet and lie within the declared range of their track: lossless counts are never clamped. The parts fit the packet: their sizes are together at most what follows them. Undefined flags are 0, and z at most 63.
     """
     assert_reported(fault)

@@ -42,7 +42,8 @@ def test_doubles_are_cut_as_well():
         np.concatenate([coloured(0.5, 5 * SHORTEST_CUT, 1), coloured(2.5, 5 * SHORTEST_CUT, 2)])
         * 0.1
     )
-    encoded = encode(Recording((Channel(x + 1e-14 * np.sin(x), 8000, calibration=None),)))
+    recording = Recording((Channel(x + 1e-14 * np.sin(x), 8000, calibration=None),))
+    encoded = encode(recording, hapfmt.Settings(cluster=10))
     assert encoded.tracks[0].codec == "LPCX"
     assert [packet.span for packet in encoded.packets] == [5 * SHORTEST_CUT, 5 * SHORTEST_CUT]
 

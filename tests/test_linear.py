@@ -103,7 +103,7 @@ def test_doubles_come_back_as_the_page_says(case):
 @given(cases())
 def test_parameters_come_back(case):
     """
-    EXA-002: `rule` MUST be at most 4. `digits` is 1 to 15 with rule 2, else 0, `terms` 1 to 16 with rule 4, else 0. Coefficients and weights are finite and of a magnitude below 2^900. `a` is a component that is decoded before, or the component itself with a `lag` of at least 1.
+    EXA-002: `rule` MUST be at most 4. `digits` is 1 to 31 with rule 2, else 0, `terms` 1 to 16 with rule 4, else 0. Coefficients and weights are finite and of a magnitude below 2^900. `a` is a component that is decoded before, or the component itself with a `lag` of at least 1.
     """
     rules, _ = case
     data = b"".join(rule.build() for rule in rules)

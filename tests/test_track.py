@@ -217,7 +217,7 @@ class TestUnknownParts:
 class TestResiduals:
     """
     TRK-007: `linked` of an HF track MUST name its base track, an LF track described before it. Both have the same component count, rate (as a ratio) and first channel; no two HF tracks have the same base.
-    TRK-009: An HF track MUST have no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base.
+    TRK-009: An HF track MUST have no TLV of types 2, 3, 4, 6, 8, 10, 12, 14 and 18: it has those of its base. Only tracks of kind full band have TLV 5.
     """
 
     def test_that_fits(self):

@@ -2,10 +2,12 @@
 
 python tools/faults.py [--trials N] [--quick] [--many] [--foreign]      default 1000 of each kind
 python tools/faults.py --sizes [--trials N] [--write]   what comes back of files of 2 kB to 5 MB
+python tools/faults.py --law [--trials N] [DATA]   one byte at each of N places; files cut at half
 
 --quick: 50 of each kind. --many: a recorder's file too, 22 channels at 1 kHz in clusters of 1 s.
 --foreign: tactile arrays too, of 16, 64 and 200 mostly silent channels, and all of them with parts
 of a second recording of the same set-up in place of their own.
+--law: recordings whose lossless file has 100 kB or more, of a folder (default ../shared/data).
 --write: put the tables into docs/damage.md; its figures are those of --trials 20.
 """
 
@@ -19,10 +21,13 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
+from pathlib import Path
+from typing import NamedTuple
 
 import installed  # noqa: F401
 
 import numpy as np
+from bench import load_all
 from measured import DATA, files_in, print_origin, print_table, write_rows
 
 import hapfmt
@@ -449,8 +454,84 @@ def print_sizes(trials: int, write: bool) -> None:
             write_rows("clusters", rows)
 
 
+LARGE, LAW_PLACES = 100_000, 100
+"""Bytes of the lossless files that the law is for, and places of a changed byte."""
+
+MEAN_KEPT, LEAST_KEPT, HALF_KEPT = 0.97, 0.90, 0.40
+"""Shares of the samples: of one changed byte the mean and the worst, and of a file cut at half."""
+
+
+class Kept(NamedTuple):
+    """What a file keeps of its samples. ``described``: where a byte of HEAD or TRAK changed."""
+
+    size: int
+    mean: float
+    least: float
+    described: float
+    half: float
+
+    @property
+    def lawful(self) -> bool:
+        kept = self.mean >= MEAN_KEPT and min(self.least, self.described) >= LEAST_KEPT
+        return kept and self.half >= HALF_KEPT
+
+
+def lossless_file(recording: hapfmt.Recording) -> bytes:
+    stream = io.BytesIO()
+    hapfmt.write(recording, stream, canonical=1)
+    return stream.getvalue()
+
+
+def share_right(clean: hapfmt.Recording, data: bytes) -> float:
+    """Samples that a damaged file still gives, of all; none of them is wrong."""
+    right = 0
+    with suppress(hapfmt.HapfmtError), hapfmt.Reader(data, threads=1) as reader:
+        right, wrong = compare(clean, reader.read())
+        assert not wrong
+    return right / clean.sample_count
+
+
+def spread(start: int, stop: int, count: int) -> list[int]:
+    """Places within a stretch of bytes, at equal distances."""
+    return [start + (stop - start) * (2 * k + 1) // (2 * count) for k in range(count)]
+
+
+def kept_of(data: bytes, places: int = LAW_PLACES) -> Kept:
+    """``places`` of the whole file, and a fifth as many of its first HEAD and TRAK."""
+    clean, rng = hapfmt.read(data, threads=1), np.random.default_rng(5)
+
+    def changed(at: int) -> float:
+        broken = bytearray(data)
+        broken[at] ^= int(rng.integers(1, 256))
+        return share_right(clean, bytes(broken))
+
+    found = [changed(at) for at in spread(0, len(data), places)]
+    described = next(c.offset for c in walk(BytesSource(data), []) if c.header.type == "DATA")
+    early = [changed(at) for at in spread(0, described, -(-places // 5))]
+    half = share_right(clean, data[: len(data) // 2])
+    return Kept(len(data), float(np.mean(found)), min(found), min(early), half)
+
+
+def law_row(job: tuple[str, bytes, int]) -> list[str]:
+    name, data, places = job
+    kept = kept_of(data, places)
+    shares = (kept.mean, kept.least, kept.described, kept.half)
+    return [name, f"{kept.size}", *(f"{100 * each:.1f}" for each in shares), str(kept.lawful)]
+
+
+def print_law(folder: Path, places: int) -> None:
+    files = ((name, lossless_file(recording)) for name, recording in load_all(folder, "", None))
+    jobs = [(name, data, places) for name, data in files if len(data) >= LARGE]
+    with ProcessPoolExecutor(2) as pool:
+        rows = list(pool.map(law_row, jobs))
+    headers = ["recording", "bytes", "mean", "worst", "HEAD, TRAK", "cut at half, %", "lawful"]
+    print_table(headers, rows)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
+    parser.add_argument("data", nargs="?", type=Path, default=DATA)
+    parser.add_argument("--law", action="store_true")
     parser.add_argument("--trials", type=int, default=1000)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--many", action="store_true")
@@ -460,6 +541,9 @@ def main() -> None:
     options = parser.parse_args()
     trials = 50 if options.quick else options.trials
     print_origin()
+    if options.law:
+        print_law(options.data, min(trials, LAW_PLACES))
+        return
     if options.sizes:
         print_sizes(trials, options.write)
         return

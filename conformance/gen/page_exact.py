@@ -46,8 +46,9 @@ def value(count: int, a: int, b: int, d: int, rule: int, digits: int, c=()) -> F
         p += 1
     while q and abs(q) < Fraction(10) ** p:
         p -= 1
-    k = min(digits - 1 - p, 22)
-    return rounded(nearest(q * Fraction(10) ** k) / Fraction(10) ** k)
+    k = digits - 16 if digits >= 16 else min(digits - 1 - p, 22)
+    s = nearest(q * Fraction(10) ** k)
+    return rounded(q if abs(s) >= 2**53 else s / Fraction(10) ** k)
 
 
 def bits(number: Fraction) -> int:

@@ -68,6 +68,12 @@ class Track:
     packets: Sequence[Packet] = ()
     about: dict[str, str] | Sequence[dict[str, str]] = field(default_factory=dict)
     calibration: Any = None
+    further: tuple[int, ...] = ()
+
+    @property
+    def channels(self) -> list[int]:
+        follow = range(self.channel, self.channel + self.width)
+        return [self.channel, *self.further] if self.further else list(follow)
 
     @property
     def words(self) -> bool:
@@ -117,7 +123,7 @@ class Track:
     def told(self, i: int) -> dict[str, Any]:
         """Members of component i's channel, without its samples."""
         texts = self.about if isinstance(self.about, dict) else self.about[i]
-        out: dict[str, Any] = {"channel": self.channel + i, **texts, "rate": list(self.rate)}
+        out: dict[str, Any] = {"channel": self.channels[i], **texts, "rate": list(self.rate)}
         affine = self.affine(i)
         if affine is not None:
             out["calibration"] = list(affine)
@@ -207,13 +213,13 @@ def full_band(track: Track, i: int, hf: Track | None) -> dict[int, int]:
 def channel_of(tracks: Sequence[Track], number: int, bases: dict[int | None, Track]) -> dict:
     """``tracks``: those that continue one another."""
     first = tracks[0]
-    i = number - first.channel
+    i = first.channels.index(number)
     values: dict[int, int] = {}
     for track in tracks:
-        values |= full_band(track, number - track.channel, bases.get(track.id))
+        values |= full_band(track, track.channels.index(number), bases.get(track.id))
     out = first.told(i) | sampled(values, words=first.words)
     exact = {
-        tick: row[number - track.channel]
+        tick: row[track.channels.index(number)]
         for track in tracks
         for tick, row in track.exact().items()
     }  # fmt: skip
@@ -232,9 +238,9 @@ def bands_of(tracks: Sequence[Track], wanted: str) -> list[dict[str, Any]]:
     for track in tracks:
         if track.kind not in (wanted, "full" if wanted == "lf" else wanted):
             continue
-        first = of[track.base].channel if track.kind == "hf" else track.channel
-        for i in range(track.width):
-            found.setdefault(first + i, {}).update(track.component(i))
+        owner = of[track.base] if track.kind == "hf" else track
+        for i, number in enumerate(owner.channels):
+            found.setdefault(number, {}).update(track.component(i))
     words = {track.channel: track.words for track in tracks if track.kind == "full"}
     return [
         {"channel": number} | sampled(values, words=words.get(number, False))
@@ -263,7 +269,7 @@ def decode_of(*tracks: Track, layers: Sequence[Layer] = (), **more: Any) -> dict
     channels: dict[int, list[Track]] = {}
     for track in every:
         for i in range(track.width if track.kind != "hf" else 0):
-            channels.setdefault(track.channel + i, []).append(track)
+            channels.setdefault(track.channels[i], []).append(track)
     out: dict[str, Any] = {
         "tracks": listed,
         "channels": [channel_of(channels[n], n, bases) for n in sorted(channels)],

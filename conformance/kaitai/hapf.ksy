@@ -266,6 +266,7 @@ types:
             2: string_list
             3: calibration_list
             4: string_list
+            5: channel_numbers
             6: string_list
             8: string_list
             10: string_list
@@ -275,6 +276,12 @@ types:
             18: deviation_list
             22: text
         doc: The value; bytes where the type is not known.
+  channel_numbers:
+    seq:
+      - id: further
+        type: u2
+        repeat: eos
+        doc: Channel numbers of the components after the first.
   text:
     seq:
       - id: text

@@ -32,6 +32,11 @@ QUOTIENT, PRODUCT, SIGNIFICANT, CUBIC, LINEAR = range(5)
 PLACES_LIMIT, DIGITS_LIMIT = 22, 15
 """10^22 is the last power of ten that is a double, 10^15 the last below 2^53."""
 
+DECIMALS, LAST_DIGITS = DIGITS_LIMIT + 1, 31
+"""From here on the digits are counted behind the point."""
+
+SAFE = 1 << 53
+
 COEFFICIENTS, COEFFICIENT_LIMIT = 4, 2.0**900
 """Polynomials of 32-bit counts stay finite below this limit."""
 
@@ -74,6 +79,9 @@ def values_of(
     if rule == QUOTIENT:
         return np.asarray(quotients)
     distinct, places = np.unique(counts, return_inverse=True)
+    if digits >= DECIMALS:
+        given = distinct * a + b
+        return many_in_decimals(given, d, digits - DECIMALS)[places]
     return many_in_digits(distinct * a + b, d, digits)[places]
 
 
@@ -141,7 +149,7 @@ def bits_at(place: int) -> int:
 
 
 def many_in_places(numerators: Counts, d: int, places: int) -> Doubles:
-    """``in_places`` of each numerator, none of them 0, at once where 64 bits hold it."""
+    """``in_places`` of each numerator at once where 64 bits hold it."""
     power, largest = 10**places, int(np.abs(numerators).max())
     if largest * power >= WIDE or 2 * d >= WIDE:
         slowly = (in_places(n, d, places) for n in numerators.data)
@@ -151,6 +159,18 @@ def many_in_places(numerators: Counts, d: int, places: int) -> Doubles:
     # A quotient of two doubles is correctly rounded, these being integers below 2^53 and powers
     # of ten up to 10^22.
     return np.asarray(np.sign(numerators) * whole / float(power))
+
+
+def many_in_decimals(numerators: Counts, d: int, places: int) -> Doubles:
+    """Each numerator / d to ``places`` decimals; the quotient itself where these are 2^53 units
+    and more."""
+    found = numerators.astype(np.float64) / float(d)
+    # |n| * 10^places / d rounds to less than 2^53.
+    end = -(-((2 * SAFE - 1) * d) // (2 * 10**places))
+    fits = np.abs(numerators) < min(end, WIDE)
+    if fits.any():
+        found[fits] = many_in_places(numerators[fits], d, places)
+    return found
 
 
 def many_in_digits(numerators: Counts, d: int, digits: int) -> Doubles:
@@ -174,7 +194,7 @@ def many_in_digits(numerators: Counts, d: int, digits: int) -> Doubles:
 
 
 def in_places(numerator: int, d: int, places: int) -> float:
-    """numerator / d to ``places`` decimals, ties to even, of at most 15 digits; as a double."""
+    """numerator / d to ``places`` decimals, ties to even, below 2^53 units; as a double."""
     whole, rest = divmod(abs(numerator) * 10**places, d)
     whole += 2 * rest > d or (2 * rest == d and whole % 2)
     # A quotient of integers is correctly rounded in Python, whatever their size.
@@ -276,7 +296,7 @@ class ExactParameters:
         if raw.reserved:
             place = offset + LPCX_PARAMETERS.offsets["reserved"]
             raise FormatError("reserved bytes are not 0", requirement="HED-005", offset=place)
-        least, most = (1, DIGITS_LIMIT) if raw.rule == SIGNIFICANT else (0, 0)
+        least, most = (1, LAST_DIGITS) if raw.rule == SIGNIFICANT else (0, 0)
         fewest, many = (1, TERMS_LIMIT) if raw.rule == LINEAR else (0, 0)
         fits = raw.rule <= LINEAR and least <= raw.digits <= most and fewest <= raw.terms <= many
         if not fits:

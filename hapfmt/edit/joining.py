@@ -151,9 +151,10 @@ class Joining:
         if track.kind == "events":
             return track
         places = [numbers[number] for number in track.channels]
-        if places != list(range(places[0], places[0] + len(places))):
+        if track.kind != "full" and not in_order(places):
             raise apart(track, original)
-        return replace(track, first_channel=places[0], continues=None)
+        further = tuple(places[1:]) if track.further or not in_order(places) else ()
+        return replace(track, first_channel=places[0], further=further, continues=None)
 
     def new(self, track: Track) -> int:
         id_ = len(self.tracks)
@@ -207,6 +208,10 @@ class Joining:
         )
 
 
+def in_order(places: list[int]) -> bool:
+    return places == list(range(places[0], places[0] + len(places)))
+
+
 def apart(track: Track, original: Original) -> ParameterError:
     return ParameterError(
         f"channels {', '.join(map(str, track.channels))} are coded together with others than in "
@@ -229,6 +234,7 @@ def joinable(track: Track, last: Track) -> bool:
     changes = {
         "id": last.id,
         "first_channel": last.first_channel,
+        "further": last.further,
         "base": last.base,
         "continues": last.continues,
         "offset": last.offset,

@@ -279,13 +279,15 @@ def lay_out(
         track = kept[old]
         changes: dict[str, object] = {"id": ids[old]}
         if track.kind != "events":
-            if track.first_channel not in numbers:
-                # Only a track that is not understood has a channel that its base has not.
-                raise UnsupportedError(
-                    f"Track {old} refers to channel {track.first_channel}, which is not copied",
-                    offset=track.offset,
-                )
+            for number in (track.first_channel, *track.further):
+                if number not in numbers:
+                    # Only a track that is not understood has a channel that its base has not.
+                    raise UnsupportedError(
+                        f"Track {old} refers to channel {number}, which is not copied",
+                        offset=track.offset,
+                    )
             changes["first_channel"] = numbers[track.first_channel]
+            changes["further"] = tuple(numbers[number] for number in track.further)
         if track.base is not None:
             if track.base not in ids:
                 # Only a track that is not understood refers to one that does not belong to it.

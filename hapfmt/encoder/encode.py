@@ -28,7 +28,7 @@ from ..format.track import Track
 from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
 from ..reading.catalogue import TrackPair
 from ..reading.decoder import TrackDecoder
-from ..recording import Channel, Recording
+from ..recording import Channel, Recording, Span
 from ..threads import in_order, thread_count
 from .bitrate import fill
 from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
@@ -41,14 +41,15 @@ from .exact import (
     encode_linear,
     encode_words,
     find_relations,
+    groups_of,
     stretches,
     words_size,
 )
 from .gridded import INFINITE, KEPT, NO_STEP, Gridded, on_grid
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, sparse
+from .lengths import Lengths, Load, load_of
 from .plan import Promise, check_error, promises_of, range_of, vector_promise
-from .predict import shorten
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import Settings, Tolerance
 from .source import InputBlock, cut, group_units, side_by_side
@@ -148,6 +149,10 @@ class Encoded:
     level: Level
     settings: Settings
     """As asked for; of preset lossless where nothing was lost after all."""
+    cluster: Fraction
+    """Seconds of a cluster."""
+    cluster_samples: int | None = None
+    """Most samples of a chunk; None: as many as the level allows."""
 
 
 @dataclass(frozen=True)
@@ -159,10 +164,18 @@ class PlacedUnit:
     members: list[Gridded]
     apart: tuple[PlacedUnit, ...] = ()
     """The channels of a track with references, each alone."""
+    tracks: tuple[PlacedUnit, ...] = ()
+    """Where these are several tracks, whose channels lie among each other: what each became."""
+    numbers: tuple[int, ...] = ()
+    """Of its channels, where they do not follow one another."""
 
     @property
     def stop(self) -> int:
         return self.first + len(self.members)
+
+    @property
+    def channels(self) -> Sequence[int]:
+        return self.numbers or range(self.first, self.stop)
 
 
 @dataclass(frozen=True)
@@ -174,10 +187,12 @@ class EncodeJob:
     promises: list[Promise]
     searches: list[LatticeSearch]
     """One for the values of each channel."""
-    cluster: Fraction
     threads: int
     heads: list[int]
     """Channels that begin a track: the first, and those that clocks refer to."""
+    loads: Sequence[Load]
+    """Of each channel."""
+    lengths: Lengths
 
     @property
     def lossless(self) -> Settings:
@@ -186,6 +201,26 @@ class EncodeJob:
         if given.preset == "lossless":
             return given
         return Settings(references=given.references, cluster=given.cluster, digest=given.digest)
+
+    def with_sizes(self, parts: list[PlacedUnit], found: list[Relation]) -> EncodeJob:
+        """The same, with the sizes of these channels as they turned out."""
+        loads = list(self.loads)
+        for part in parts:
+            loads[part.first] = replace(loads[part.first], size=part.unit.size)
+        for each in found:
+            number = parts[each.target].first
+            loads[number] = replace(loads[number], size=each.bits * loads[number].samples / 8)
+        places = groups_of(found, len(parts))
+        apart = [*loads[: parts[0].first], *loads[parts[-1].stop :]]
+        tracks = [Load.of(loads[parts[place].first] for place in group) for group in places]
+        return replace(self, loads=loads, lengths=self.lengths.known([*apart, *tracks]))
+
+    def spans(
+        self, channels: Sequence[Channel], numbers: Sequence[int], components: int
+    ) -> tuple[Span, ...]:
+        """The packets of a track that has the channels of these numbers."""
+        seconds = self.lengths.seconds(channels, [self.loads[number] for number in numbers])
+        return tuple(cut(channels[0].coverage, channels[0].rate_exact, seconds, components))
 
 
 def encode(
@@ -252,15 +287,20 @@ class Encoding:
         self.recording, self.progress = recording, progress
         originals = [as_recorded(channel) for channel in recording.channels]
         promises = promises_of(replace(recording, channels=tuple(originals)), settings)
-        cluster = settings.cluster_of(recording)
         searches = [LatticeSearch(channel.stored) for channel in originals]
-        heads = heads_of(recording, settings)
-        self.job = EncodeJob(settings, originals, promises, searches, cluster, threads, heads)
+        heads, count = heads_of(recording, settings), len(recording)
+        longest = settings.cluster_of(recording)
+        self.job = EncodeJob(
+            settings, originals, promises, searches, threads, heads, [], Lengths(longest, longest)
+        )
+        prepared, loads = put_on_grids(self.job, 0, count)
+        lengths = Lengths.of(recording, settings, loads)
+        self.job = replace(self.job, loads=loads, lengths=lengths)
         self.rivals: Rivals = {}
         self.parts: list[PlacedUnit] = []
-        count = len(recording)
         for first, stop in pairwise([*heads, count]):
-            own = list(encode_parts(self.job, first, stop, lambda done: progress(done, count)))
+            rows = prepared[first:stop]
+            own = list(encode_parts(self.job, first, rows, lambda done: progress(done, count)))
             related = settings.references and not settings.fast
             self.parts += with_relations(own, self.job) if related else own
 
@@ -304,17 +344,19 @@ class Encoding:
     def complete(self, parts: list[PlacedUnit]) -> Encoded:
         """Tracks and packets, and what is reported of them."""
         settings, job = self.job.settings, self.job
-        if settings.preset != "paper" and settings.cluster is None:
-            parts = [replace(part, unit=part.unit.copy()) for part in parts]
-            shorten_units([part.unit for part in parts])
+        parts = [each for part in parts for each in part.tracks or (part,)]
         decisions: list[Decision] = []
         for part in parts:
             decisions += decide(part, job.originals, self.recording)
+        decisions.sort(key=lambda each: each.channel)
         tracks, packets = number_tracks([part.unit for part in parts])
         exact = not any(decision.largest_error for decision in decisions)
         if exact and settings.preset != "lossless":
             settings = job.lossless
-        return Encoded(tracks, packets, decisions, choose_level(tracks), settings)
+        level, lengths = choose_level(tracks), job.lengths
+        return Encoded(
+            tracks, packets, decisions, level, settings, lengths.cluster, lengths.cluster_samples
+        )
 
 
 def heads_of(recording: Recording, settings: Settings) -> list[int]:
@@ -332,23 +374,34 @@ def heads_of(recording: Recording, settings: Settings) -> list[int]:
     return sorted(found)
 
 
-def encode_parts(
-    job: EncodeJob, first: int, stop: int, done: Callable[[int], None] = lambda _done: None
-) -> Iterator[PlacedUnit]:
-    """The channels first ... stop - 1, in their order."""
+def put_on_grids(
+    job: EncodeJob, first: int, stop: int
+) -> tuple[tuple[Gridded, ...], tuple[Load, ...]]:
+    """The channels first ... stop - 1 as they are coded, and estimates of their sizes."""
     settings = job.settings
-    numbers = range(first, stop)
 
-    def gridded(number: int) -> Gridded:
+    def gridded(number: int) -> tuple[Gridded, Load]:
         search = job.searches[number]
         channel, asked = job.originals[number], job.promises[number]
         found = on_grid(channel, asked, settings, search)
+        load = load_of(found, search)
         search.forget()
         if asked.floor is settings.max_error and not found.promise.lossless:
             check_bound(channel, found, settings)
-        return found
+        return found, load
 
-    prepared = list(in_order(gridded, numbers, job.threads))
+    pairs = list(in_order(gridded, range(first, stop), job.threads))
+    return tuple(found for found, _ in pairs), tuple(load for _, load in pairs)
+
+
+def encode_parts(
+    job: EncodeJob,
+    first: int,
+    prepared: Sequence[Gridded],
+    done: Callable[[int], None] = lambda _done: None,
+) -> Iterator[PlacedUnit]:
+    """The prepared channels in their order, from number ``first`` on."""
+    settings, stop = job.settings, first + len(prepared)
     tell_kept(job.promises[first:stop], prepared, settings)
     groups = list(
         group_units(
@@ -431,7 +484,10 @@ def encode_members(
     units = [part.unit for part in apart]
     channels = [each.channel for each in members]
     error = error_of(channels[0], members[0].promise)
-    joint = encode_run(channels, first, error, job.cluster, links, units)
+    # Half of the components: packets of LPCR take less than five bytes a sample.
+    half = (len(channels) + 1) // 2
+    spans = job.spans(channels, range(first, first + len(channels)), half)
+    joint = encode_run(channels, first, error, spans, links, units)
     if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in units):
         joint.channels = tuple(channels)
         joint.least = sum(unit.least for unit in units)
@@ -453,7 +509,8 @@ def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUn
         at = 0
         for start, stop in stretches(found):
             yield from run[at:start]
-            yield from joined(run[start:stop], columns[start:stop], found, start, job)
+            own = [each.moved(-start) for each in found if start <= each.target < stop]
+            yield from joined(run[start:stop], columns[start:stop], own, job)
             at = stop
         yield from run[at:]
 
@@ -462,29 +519,45 @@ def joined(
     parts: list[PlacedUnit],
     columns: list[NDArray[np.float64]],
     found: list[Relation],
-    start: int,
     job: EncodeJob,
 ) -> list[PlacedUnit]:
-    """One part, where that is smaller. ``found``: counted from ``start`` places before."""
-    first = parts[0].first
+    """One part of several tracks, where that is smaller: channels that follow from each other share
+    one."""
+    job = job.with_sizes(parts, found)
+    tracks = [
+        part
+        for places in groups_of(found, len(parts))
+        for part in related([parts[place] for place in places], columns, found, places, job)
+    ]
+    if len(tracks) == len(parts):
+        return parts
+    # For what compares sizes, all of them are one.
+    every = [packet for part in tracks for packet in part.unit.base.packets]
+    whole = Unit(Coded(tracks[0].unit.base.track, every), exact=True)
+    members = [part.members[0] for part in parts]
+    return [PlacedUnit(whole, parts[0].first, members, tracks=tuple(tracks))]
+
+
+def related(
+    parts: list[PlacedUnit],
+    columns: list[NDArray[np.float64]],
+    found: list[Relation],
+    places: Sequence[int],
+    job: EncodeJob,
+) -> list[PlacedUnit]:
+    """One track of the parts at these places, where it is smaller than they are."""
+    if len(parts) == 1:
+        return parts
     members = [part.members[0] for part in parts]
     channels = [each.channel for each in members]
-    moved = [
-        each._replace(
-            target=each.target - start,
-            source=each.source - start,
-            terms=tuple(t._replace(component=t.component - start) for t in each.terms),
-        )
-        for each in found
-        if start <= each.target < start + len(parts)
-    ]
+    numbers = tuple(part.first for part in parts)
     units = [part.unit for part in parts]
-    joint = encode_linear(channels, columns, units, moved, first, job.cluster)
-    apart = sum(unit.size for unit in units)
-    if joint is None or joint.size >= (1 - SAVED) * apart:
+    spans = job.spans(channels, numbers, (len(channels) + 1) // 2)
+    own = [each.among(places) for each in found if each.target in places]
+    joint = encode_linear(channels, [columns[a] for a in places], units, own, numbers, spans)
+    if joint is None or joint.size >= (1 - SAVED) * sum(unit.size for unit in units):
         return parts
-    joint.saved = apart - joint.size
-    return [PlacedUnit(joint, first, members)]
+    return [PlacedUnit(joint, numbers[0], members, numbers=numbers)]
 
 
 def runs_of_doubles(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[list[PlacedUnit]]:
@@ -541,7 +614,9 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
         if stop > at:
             ends = parts[at].first, parts[stop - 1].stop
             if ends not in known:
-                known[ends] = list(encode_parts(lossless, *ends))
+                known[ends] = list(
+                    encode_parts(lossless, ends[0], put_on_grids(lossless, *ends)[0])
+                )
             rivals += known[ends]
         at = max(stop, at + 1)
     asked = [each.promise for part in parts for each in part.members]
@@ -616,10 +691,10 @@ def decide(part: PlacedUnit, originals: list[Channel], recording: Recording) -> 
     errors = largest_errors(
         unit,
         unit.channels or [each.channel for each in part.members],
-        [as_recorded(channel) for channel in sources[part.first : part.stop]],
+        [as_recorded(sources[number]) for number in part.channels],
     )
     for place, each in enumerate(part.members):
-        number = part.first + place
+        number = part.channels[place]
         reason, size = shares[place]
         given = recording.channels[number]
         why = "" if each.promise.why == reason else each.promise.why
@@ -661,7 +736,8 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         raise ParameterError(
             f"rate {channel.rate_exact} of channel {channel.label!r} needs more than 32 bits"
         )
-    spans = tuple(cut(channel.coverage, channel.rate_exact, job.cluster, len(channels)))
+    numbers = range(first_channel, first_channel + len(channels))
+    spans = job.spans(channels, numbers, len(channels))
     if channel.calibration is None:
         kind = WORDS.get(channel.stored.dtype)
         if kind is None:
@@ -760,24 +836,6 @@ def encode_within(
     if knots is None:
         return unit
     return replace(knots, channels=finer.channels, grid=fine.text, least=unit.least)
-
-
-def shorten_units(units: list[Unit]) -> None:
-    """Packets of a small file that lose little where they are damaged."""
-    before = [unit.size for unit in units]
-    # Packets of two bands are checked side by side.
-    alone = [unit.base for unit in units if unit.residual is None]
-    others = [
-        coded for unit in units if unit.residual is not None for coded in (unit.base, unit.residual)
-    ]
-    shorten(alone, others, sum(unit.saved for unit in units))
-    for unit, size in zip(units, before, strict=True):
-        more = unit.size - size
-        if unit.parts and more:
-            share, rest = divmod(more, len(unit.parts))
-            unit.parts = tuple(
-                (why, each + share + (place < rest)) for place, (why, each) in enumerate(unit.parts)
-            )
 
 
 def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:

@@ -25,6 +25,7 @@ import numpy as np
 from ..codecs.exact import (
     COEFFICIENT_LIMIT,
     CUBIC,
+    DECIMALS,
     DIGITS_LIMIT,
     LINEAR,
     PRODUCT,
@@ -50,7 +51,7 @@ from ..recording import Calibration, Channel, Span
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, Near
 from .predict import encode_best, fitting_packets
-from .source import cut, declared_range, make_track
+from .source import declared_range, make_track
 from .unit import Unit, decode_all
 
 GRID_BITS = LEVELS[1].count_bits - 1
@@ -162,8 +163,6 @@ def coded_as(
         try:
             for part, data in fitting_packets(span, counts, code):
                 coded.packets.append(Packet(0, part.start, part.ticks, data))
-                first = part.start - span.start
-                coded.doubles.append([values[first : first + part.ticks]])
                 size, begin = parse_varint(data, 0)
                 beside += len(data) - begin - size
         except ValueError:
@@ -184,6 +183,7 @@ def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate
             )
     u = search.distinct
     rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *printed_rule(u)]
+    decimals = decimals_of(u)
     found: list[tuple[float, Candidate]] = []
     lattices = {near.calibration: near for near in search.natural_lattices(exact)}
     for near in lattices.values():
@@ -192,10 +192,15 @@ def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate
         # Counts are sorted as u is.
         first = np.flatnonzero(np.diff(near.counts, prepend=near.counts[0] - 1))
         first = first[:: max(1, first.size // TRIALS)]
-        for rule in (*rules, *cubic_rules(near, u[first], near.counts[first])):
-            way = Candidate(near.calibration, near.counts, rule, how)
+        looked = near.counts[first]
+        ways = [
+            Candidate(near.calibration, near.counts, rule, how)
+            for rule in (*rules, *cubic_rules(near, u[first], looked))
+        ]
+        for way in (*ways, *decimal_way(near, u, decimals, how)):
+            rule = way.parameters
             try:
-                given = rule.values(near.counts[first], way.affine)
+                given = rule.values(looked, way.affine)
                 corrections = corrections_of(u[first], given).astype(np.float64)
             except ValueError:
                 continue
@@ -253,6 +258,44 @@ def printed_rule(u: Doubles) -> Iterator[ExactParameters]:
         digits = max(digits, len(mantissa.strip("-").replace(".", "").rstrip("0")))
     if digits:
         yield ExactParameters(SIGNIFICANT, digits)
+
+
+def decimals_of(u: Doubles) -> int | None:
+    """How many decimals the distinct values u may have been printed with, the fewest; None where
+    one has more."""
+    looked = u[:: max(1, u.size // TEXTS)]
+    largest = float(np.abs(looked).max())
+    for decimals in range(DIGITS_LIMIT + 1):
+        power = 10.0**decimals
+        if largest * power >= EXACT_LIMIT:
+            break
+        if (np.rint(looked * power) / power == looked).all():
+            return decimals
+    return None
+
+
+def decimal_way(near: Near, u: Doubles, decimals: int | None, how: str) -> Iterator[Candidate]:
+    """The line through the values of the counts, which then are rounded to that many decimals."""
+    if decimals is None or u.size < FITTED:
+        return
+    a, b, d = near.calibration.a, near.calibration.b, near.calibration.d
+    stride = max(1, u.size // TEXTS)
+    looked, counts = u[::stride], near.counts[::stride]
+    reach = float(np.abs(counts).max()) or 1.0
+    c0, c1 = fit(counts / reach, looked - near.calibration.physical(counts), (0, 1))
+    slope, offset = Fraction(a, d) + Fraction(c1 / reach), Fraction(b, d) + Fraction(c0)
+    most = max(-int(near.counts.min()), int(near.counts.max()), 1)
+    step = slope.limit_denominator(min(int(EXACT_LIMIT / (4 * most * abs(slope))), EXACT_LIMIT - 1))
+    times = max(
+        min(EXACT_LIMIT // (4 * most * abs(step.numerator)), EXACT_LIMIT // step.denominator), 1
+    )
+    # Multiples of D bring the offset nearer.
+    d = step.denominator * times
+    b = round(offset * d)
+    calibration = Calibration(step.numerator * times, b, d)
+    if calibration.covers(int(near.counts.min()), int(near.counts.max())):
+        rule = ExactParameters(SIGNIFICANT, DECIMALS + decimals)
+        yield Candidate(calibration, near.counts, rule, f"{how}, with {decimals} decimals")
 
 
 def binary_grid(x: Doubles, bits: int = GRID_BITS) -> Candidate | None:
@@ -376,6 +419,18 @@ class Relation(NamedTuple):
     c0: float
     terms: tuple[LinearTerm, ...]
     bits: float
+
+    def moved(self, by: int) -> Relation:
+        """The same among channels whose places differ by that."""
+        return self.renamed(lambda place: place + by)
+
+    def among(self, places: Sequence[int]) -> Relation:
+        """The same among the channels at these places alone."""
+        return self.renamed(places.index)
+
+    def renamed(self, name: Callable[[int], int]) -> Relation:
+        terms = tuple(term._replace(component=name(term.component)) for term in self.terms)
+        return self._replace(target=name(self.target), source=name(self.source), terms=terms)
 
 
 def find_relations(columns: Sequence[Doubles], costly: Sequence[bool]) -> list[Relation]:
@@ -555,15 +610,29 @@ def stretches(relations: Sequence[Relation]) -> list[tuple[int, int]]:
     return found
 
 
+def groups_of(relations: Sequence[Relation], count: int) -> list[list[int]]:
+    """The places of ``count`` channels in groups that no relation leaves, by their first places."""
+    group = list(range(count))
+    for relation in relations:
+        one, other = sorted((group[relation.target], group[relation.source]))
+        group = [one if each == other else each for each in group]
+    return [
+        [place for place, each in enumerate(group) if each == first]
+        for first in range(count)
+        if group[first] == first
+    ]
+
+
 def encode_linear(
     channels: Sequence[Channel],
     columns: Sequence[Doubles],
     units: Sequence[Unit],
     relations: Sequence[Relation],
-    first_channel: int,
-    cluster: Fraction,
+    numbers: Sequence[int],
+    spans: Sequence[Span],
 ) -> Unit | None:
-    """One track of neighbouring channels; None where they have no common range of counts."""
+    """One track of channels, in the order of their numbers; None where they have no common range
+    of counts."""
     related = {relation.target: relation for relation in relations}
     candidates: list[Candidate] = []
     for place, x in enumerate(columns):
@@ -587,10 +656,10 @@ def encode_linear(
         replace(channel, stored=each.counts, calibration=each.calibration, deviation=None)
         for channel, each in zip(channels, candidates, strict=True)
     ]
-    first = channels[0]
     track = make_track(
         described,
-        first_channel,
+        numbers[0],
+        further=() if follow_on(numbers) else tuple(numbers[1:]),
         codec="LPCX",
         parameters=b"".join(each.parameters.build() for each in candidates),
         count_min=low,
@@ -599,7 +668,7 @@ def encode_linear(
     coded = Coded(track)
     sizes = np.zeros(len(channels), np.int64)
     at = 0
-    for span in cut(first.coverage, first.rate_exact, cluster, (len(channels) + 1) // 2):
+    for span in spans:
         part = slice(at, at + span.ticks)
         at += span.ticks
         try:
@@ -608,17 +677,19 @@ def encode_linear(
         except ValueError:
             return None
         coded.packets.append(Packet(0, span.start, span.ticks, data))
-        coded.doubles.append(exact)
         sizes += each_size
-    last = first_channel + len(channels) - 1
-    parts = []
+    parts, every = [], ", ".join(map(str, numbers))
     for place, size in enumerate(sizes.tolist()):
         relation = related.get(place)
-        how = f"track of {first_channel}-{last}"
+        how = f"track of {every}"
         if relation is not None:
-            how += f", linear in {first_channel + relation.source}"
+            how += f", linear in {numbers[relation.source]}"
         parts.append((f"bit for bit, {how}", size))
     return Unit(coded, None, "predicted + exact", "bit for bit", exact=True, parts=tuple(parts))
+
+
+def follow_on(numbers: Sequence[int]) -> bool:
+    return list(numbers) == list(range(numbers[0], numbers[0] + len(numbers)))
 
 
 def candidate_of(unit: Unit, x: Doubles) -> Candidate | None:

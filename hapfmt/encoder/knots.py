@@ -12,7 +12,7 @@ smaller.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from math import dist
 from typing import Any, Literal, Protocol
@@ -261,8 +261,6 @@ class Coded:
 
     track: Track
     packets: list[Packet] = field(default_factory=list)
-    doubles: list[Sequence[NDArray[np.float64]]] = field(default_factory=list)
-    """LPCX only: for each packet the exact values [samples] of its components."""
 
     @property
     def size(self) -> int:

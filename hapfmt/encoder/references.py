@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from math import log2
 
 import numpy as np
@@ -44,7 +43,7 @@ from .knots import Coded
 from .plan import Promise
 from .predict import encode_best, linear_predictor
 from .settings import Settings
-from .source import InputBlock, cut, declared_range, make_track
+from .source import InputBlock, declared_range, make_track
 from .unit import Unit
 
 Indices = NDArray[np.int64]
@@ -418,7 +417,7 @@ def encode_run(
     channels: Sequence[Channel],
     first_channel: int,
     error: int,
-    cluster: Fraction,
+    spans: Sequence[Span],
     links: Links,
     apart: Sequence[Unit],
 ) -> Unit | None:
@@ -428,8 +427,6 @@ def encode_run(
     low, high = declared_range(counts)
     if not all(c.calibration and c.calibration.covers(low, high) for c in channels):
         return None
-    # Half of the components: packets of LPCR take less than five bytes a sample.
-    spans = cut(channels[0].coverage, channels[0].rate_exact, cluster, (len(channels) + 1) // 2)
     source = InputBlock(tuple(channels), counts, tuple(spans))
     grid = LpcParameters(step=2 * error + 1)
     base = make_track(channels, first_channel, codec="LPCR", count_min=low, count_max=high)

@@ -176,9 +176,6 @@ class Unit:
     least: float = 0.0
     """A lower estimate of the bits of the channels without loss; 0: not known."""
 
-    saved: int = 0
-    """Bytes that channels take less in one track than apart."""
-
     instead: bool = False
     """Whether it takes the place of a lossy form that is larger."""
 
@@ -193,11 +190,6 @@ class Unit:
         deviation = DEVIATION * any(c.deviation for c in self.channels)
         described = DESCRIPTION * (self.residual is not None)
         return self.size + ROW * packets + CONTRACT * (not self.exact) + deviation + described
-
-    def copy(self) -> Unit:
-        """A unit whose packets may be replaced."""
-        residual = replace(self.residual) if self.residual else None
-        return replace(self, base=replace(self.base), residual=residual)
 
 
 @dataclass(frozen=True)

@@ -171,8 +171,8 @@ RAWB_PARAMETERS = Layout(
 )
 
 LPCX_PARAMETERS = Layout(
-    Field("rule", "u8", "0 quotient, 1 product, 2 significant digits, 3 cubic, 4 linear"),
-    Field("digits", "u8", "rule 2: significant digits; else 0"),
+    Field("rule", "u8", "0 quotient, 1 product, 2 digits, 3 cubic, 4 linear"),
+    Field("digits", "u8", "rule 2: 1 to 15 significant digits, or 16 plus decimals; else 0"),
     Field("terms", "u8", "rule 4: number of terms; else 0"),
     Field("reserved", "u8", "0"),
 )

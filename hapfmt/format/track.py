@@ -105,6 +105,8 @@ class Track:
     """Id of the track whose channels this one goes on coding."""
     contract: Contract | None = None
     provenance: str = ""
+    further: tuple[int, ...] = ()
+    """Channel numbers of the components after the first; (): the next ones."""
     unsupported: str | None = None
     unknown: tuple[tuple[int, bytes], ...] = ()
     """TLVs that this reader does not know, by type."""
@@ -112,9 +114,11 @@ class Track:
     """Offset of the TRAK payload in the file."""
 
     @property
-    def channels(self) -> range:
+    def channels(self) -> Sequence[int]:
         if self.kind == "events":
             return range(0)
+        if self.further:
+            return self.first_channel, *self.further
         return range(self.first_channel, self.first_channel + len(self.components))
 
     @property
@@ -140,7 +144,8 @@ class Track:
         return (
             {self.kind, before.kind} <= {"full", "lf"}
             and self.id > before.id
-            and (self.channels, self.rate) == (before.channels, before.rate)
+            and self.rate == before.rate
+            and [*self.channels] == [*before.channels]
             and self.number_format == before.number_format
             and [(c.calibration, c.unit) for c in self.components]
             == [(c.calibration, c.unit) for c in before.components]
@@ -459,7 +464,7 @@ def parse_deviations(value: bytes, offset: int) -> list[tuple[float, float] | No
     return found
 
 
-PARAMETERS, LABEL, CALIBRATIONS, UNIT, QUANTITY, AXIS, GROUP = 1, 2, 3, 4, 6, 8, 10
+PARAMETERS, LABEL, CALIBRATIONS, UNIT, CHANNELS, QUANTITY, AXIS, GROUP = 1, 2, 3, 4, 5, 6, 8, 10
 BODY_SITE, DEVICE, CONTRACT, DEVIATIONS, WEIGHTS, PROVENANCE = 12, 14, 16, 18, 20, 22
 OF_EVENTS = (LABEL, DEVICE, PROVENANCE)
 STRINGS = {
@@ -472,7 +477,7 @@ STRINGS = {
     DEVICE: "device",
 }
 INHERITED = frozenset(STRINGS) | {CALIBRATIONS, DEVIATIONS}
-KNOWN = INHERITED | {PARAMETERS, CONTRACT, PROVENANCE}
+KNOWN = INHERITED | {PARAMETERS, CHANNELS, CONTRACT, PROVENANCE}
 CHUNK_SIZE = 1 << 16
 """Bytes of uncompressed tracks per chunk; further tracks go into the next chunk."""
 
@@ -547,6 +552,8 @@ def build_track(track: Track) -> bytes:
         deviations = share([component.deviation for component in track.components])
         if any(deviations):
             values[DEVIATIONS] = b"".join(map(build_deviation, deviations))
+    if track.further:
+        values[CHANNELS] = b"".join(number.to_bytes(2, "little") for number in track.further)
     if track.contract:
         values[CONTRACT] = build_contract(track.contract)
     if track.provenance:
@@ -686,8 +693,6 @@ def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) ->
         else f"format {raw.number_format}"
     )
     size = raw.component_count
-    if kind != "events" and raw.first_channel + size - 1 > LAST_CHANNEL:
-        raise FormatError("channel number above 65534", requirement="TRK-010", offset=at)
     linked = raw.linked - 1 if raw.linked else None
     continues = kind in ("full", "lf")
     unsupported = find_unsupported(raw, tlvs)
@@ -712,10 +717,44 @@ def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) ->
         continues=linked if continues else None,
         contract=described.contract,
         provenance=described.provenance,
+        further=further_of(raw, tlvs, kind, at, supported=unsupported is None),
         unsupported=unsupported,
         unknown=tuple((type_, value) for type_, (_, value) in tlvs.items() if type_ not in KNOWN),
         offset=offset,
     )
+
+
+def further_of(
+    raw: TrackFields, tlvs: Tlvs, kind: str, at: int, *, supported: bool
+) -> tuple[int, ...]:
+    """TRK-010: the channel numbers of the components after the first, where they are given. What
+    gives them for an unsupported track may be anything."""
+    found: tuple[int, ...] = ()
+    offset, value = tlvs.get(CHANNELS, (0, None))
+    if kind == "events":
+        return found
+    if value is not None:
+        if len(value) == 2 * (raw.component_count - 1):
+            found = tuple(value[k] + 256 * value[k + 1] for k in range(0, len(value), 2))
+        elif supported:
+            raise FormatError(
+                "channel numbers for another number of components",
+                requirement="TLV-004",
+                offset=offset,
+            )
+    numbers = (raw.first_channel, *found)
+    last = raw.first_channel + raw.component_count - 1
+    if max(*numbers, 0 if found else last) > LAST_CHANNEL:
+        raise FormatError(
+            "channel number above 65534",
+            requirement="TRK-010",
+            offset=offset if found else at,
+        )
+    if len(set(numbers)) < len(numbers):
+        raise FormatError(
+            "two components with one channel number", requirement="TRK-010", offset=offset
+        )
+    return found
 
 
 def find_unsupported(raw: TrackFields, tlvs: Tlvs) -> str | None:
@@ -762,6 +801,12 @@ def check_kind(track: Track, tlvs: Tlvs, level: Level, offset: int) -> None:
     if hf and INHERITED & tlvs.keys():
         raise FormatError(
             "HF track describes what it has from its base", requirement="TRK-009", offset=offset
+        )
+    if CHANNELS in tlvs and track.kind != "full":
+        raise FormatError(
+            "channel numbers of a track that is not of kind full band",
+            requirement="TRK-009",
+            offset=tlvs[CHANNELS][0],
         )
     for a, b, _ in {component.calibration for component in track.components}:
         if max(max(abs(end * a), abs(end * a + b)) for end in (low, high)) > EXACT_LIMIT:

@@ -173,7 +173,7 @@ def track_json(track: Track) -> dict[str, Any]:
         "rate_den": track.rate.denominator,
         "count_min": track.count_min,
         "count_max": track.count_max,
-        "first_channel": track.first_channel,
+        "channels": [*track.channels],
         "base": track.base,
         "continues": track.continues,
         "parameters": track.parameters.hex(),

@@ -237,11 +237,13 @@ class FileWriter:
         """A cMAp chunk."""
         self.chunk("cMAp", build_map(clock, track, points))
 
-    def cluster(self, packets: Iterable[Packet]) -> None:
-        """DATA chunks for the packets of one stretch of time; several where one grows too large."""
+    def cluster(self, packets: Iterable[Packet], most: int | None = None) -> None:
+        """DATA chunks for the packets of one stretch of time; several where one grows too large, or
+        would have more than ``most`` samples."""
         batch: list[Packet] = []
         size = samples = written = 0
         target = PAYLOAD_TARGET[self.level.number]
+        most = min(most or self.level.cluster_samples, self.level.cluster_samples)
         packets = sorted(packets, key=lambda p: (p.track, p.start))
         try:
             for packet in packets:
@@ -252,7 +254,7 @@ class FileWriter:
                 full = (
                     again
                     or size + weight > target
-                    or samples + count > self.level.cluster_samples
+                    or samples + count > most
                     or len(batch) >= self.level.packets
                 )
                 if batch and full:

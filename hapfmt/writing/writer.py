@@ -203,23 +203,21 @@ def write(
     check_file_id(None if canonical == "content" else canonical)
     if isinstance(file, (str, os.PathLike)):
         refuse(os.fspath(file), force)
-    cluster = settings.cluster_of(recording)
 
     def size_of(encoded: Encoded) -> int:
-        return put(recording, encoded, cluster, canonical, io.BytesIO()).file_size
+        return put(recording, encoded, canonical, io.BytesIO()).file_size
 
     encoded = encode(recording, settings, progress=progress, threads=threads, size_of=size_of)
     with target(file, force) as stream:
         if not overview:
-            return put(recording, encoded, cluster, canonical, stream)
+            return put(recording, encoded, canonical, stream)
         with readable(stream) as own:
-            return put(recording, encoded, cluster, canonical, own, overview=True, threads=threads)
+            return put(recording, encoded, canonical, own, overview=True, threads=threads)
 
 
 def put(
     recording: Recording,
     encoded: Encoded,
-    cluster: Fraction,
     canonical: int | Literal["content"] | None,
     stream: BinaryIO,
     *,
@@ -233,7 +231,7 @@ def put(
     sizes = [len(payload) for _, payload in [*extras, *observed]]
     if max(sizes, default=0) > level.payload_size:
         level = LEVELS[2]
-    layers, marks = layers_of(recording, len(encoded.tracks), cluster)
+    layers, marks = layers_of(recording, len(encoded.tracks), encoded.cluster)
     tracks = [*encoded.tracks, *layers]
     made_by = encoder_of(recording, encoded.settings, encoded.decisions)
     if canonical == "content":
@@ -251,8 +249,8 @@ def put(
     out.describe(tracks)
     for type_, payload in extras:
         out.chunk(type_, payload)
-    for packets in clusters(tracks, encoded.packets + marks, cluster):
-        out.cluster(packets)
+    for packets in clusters(tracks, encoded.packets + marks, encoded.cluster):
+        out.cluster(packets, encoded.cluster_samples)
     for chunk in observed:
         out.chunk(*chunk)
     if encoded.settings.digest:

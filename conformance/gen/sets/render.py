@@ -249,6 +249,14 @@ def exact() -> Iterator[Case]:
         lattice(tens, (99_996, 0, 10**7), 2, 4, id=2),
     )  # fmt: skip
     yield render(
+        "exact-decimals", "Rule 2 with decimals: ties, numbers that round to 0, and large ones.",
+        rules,
+        lattice([0, 1, -1, 5, -5, 15, 25, 12_345, -8_388_608], (1, 0, 1000), 2, 16 + 2),
+        lattice([1, -1, 3, 77_777, -8_388_607], (7, 3, 30_000_001), 2, 16 + 6, id=1),
+        lattice([8, 9, 9_007, 9_008, -9_008], (10**9, 1, 999), 2, 16 + 15, id=2),
+        lattice([4, 5, -5, 6, 7], (1, 0, 2), 2, 16, id=3),
+    )  # fmt: skip
+    yield render(
         "exact-digits-above-the-point", "Rule 2 with k below 0: digits in front of the point.",
         rules, lattice([12_345, 12_355, -12_345, 99_950, 5, 0, 8_388_607], (1000, 0, 1), 2, 3),
     )  # fmt: skip

@@ -52,6 +52,23 @@ def listed() -> Iterator[Case]:
         ["TRK-010", "TLV-004"],
         *three,
     )  # fmt: skip
+    outer = Track(
+        width=2, tlvs=f.tlv(5, b"\2\0"), further=(2,),
+        packets=[Packet(0, [(5, -6)] * 4, f.svarint(5) + f.svarint(-6))],
+    )  # fmt: skip
+    yield valid(
+        "tracks-around-others", "A track has the channels 0 and 2, another one channel 1.",
+        ["TRK-010", "TLV-004"],
+        outer, Track(id=1, channel=1, packets=[fives()]),
+    )  # fmt: skip
+    backwards = Track(
+        width=2, channel=1, tlvs=f.tlv(5, b"\0\0"), further=(0,),
+        packets=[Packet(0, [(5, -6)] * 4, f.svarint(5) + f.svarint(-6))],
+    )  # fmt: skip
+    yield valid(
+        "tracks-backwards", "The components of a track have the channels 1 and 0.",
+        ["TRK-010", "TLV-004"], backwards,
+    )  # fmt: skip
     for kind, name in enumerate(("stored", "fixed", "dynamic")):
         yield valid(
             f"tracks-deflated-{name}",

@@ -85,8 +85,9 @@ function lay(file, asked) {
   const places = new Map();
   for (const track of kept) {
     const linked = track.kind === 'hf' ? track.base : track.continues;
+    const channels = (track.kind === 'hf' ? [track.firstChannel] : track.channels).map((channel) => numbers.get(channel));
     const record = track.kind === 'events' ? track.record
-      : recordLinked(track, numbers.get(track.firstChannel), linked === null ? null : ids.get(linked));
+      : recordLinked(track, channels, linked === null ? null : ids.get(linked));
     places.set(track.id, { id: ids.get(track.id), track, record });
   }
   const everything = new Set(all.filter(hasChannels).flatMap(({ channels }) => channels));

@@ -76,7 +76,7 @@ export function descriptionsOf(file) {
   for (const track of file.allTracks.values()) {
     if (!kept.has(track.id)) continue;
     const same = track.strange || track.kind === 'hf' || track.continues === track.continuesAsRead;
-    const record = same ? track.record : recordLinked(track, track.firstChannel, track.continues);
+    const record = same ? track.record : recordLinked(track, track.channels, track.continues);
     (track.kind === 'hf' ? residuals : before).push({ id: track.id, componentCount: track.componentCount, record });
   }
   const taken = new Set([...file.allTracks.keys(), ...file.held.map((packet) => packet.track)]);

@@ -2,6 +2,7 @@
 
 const RULE_PRODUCT = 1;
 const RULE_SIGNIFICANT = 2;
+const DECIMALS = 16; // from here on, digits are counted behind the point
 const RULE_CUBIC = 3;
 const POWER_BOUND = 22; // 10^22 is the last power of ten that is a binary64 number
 
@@ -26,12 +27,14 @@ export function significant(count, { A, B, D }, digits) {
   const n = BigInt(count) * BigInt(A) + BigInt(B);
   if (n === 0n) return 0;
   const d = BigInt(D);
-  const k = Math.min(digits - 1 - decimalExponent(n < 0n ? -n : n, d), POWER_BOUND);
+  const k = digits >= DECIMALS ? digits - DECIMALS : Math.min(digits - 1 - decimalExponent(n < 0n ? -n : n, d), POWER_BOUND);
   const s = k >= 0 ? roundHalfEven(n * 10n ** BigInt(k), d) : roundHalfEven(n, d * 10n ** BigInt(-k));
+  if (s >= SAFE || -s >= SAFE) return (count * A + B) / D;
   return k >= 0 ? Number(s) / Number(10n ** BigInt(k)) : Number(s) * Number(10n ** BigInt(-k));
 }
 
 const EXACT_BOUND = 2 ** 53;
+const SAFE = 2n ** 53n;
 const SPLITTER = 2 ** 27 + 1;
 const CERTAIN = 1 - 2 ** -20;
 const TENS = Float64Array.from({ length: POWER_BOUND + 1 }, (_, k) => Number(10n ** BigInt(k)));
@@ -50,13 +53,14 @@ export function quickSignificant(count, { A, B, D }, digits) {
   const product = count * A;
   const n = Math.abs(product + B);
   if (n === 0 || n >= EXACT_BOUND || Math.abs(product) >= EXACT_BOUND) return NaN;
-  const k = digits - 1 - Math.floor(Math.log10(n / D));
+  const decimals = digits >= DECIMALS;
+  const k = decimals ? digits - DECIMALS : digits - 1 - Math.floor(Math.log10(n / D));
   if (!(k >= 0 && k < POWER_BOUND)) return NaN;
   const scale = TENS[k];
   const whole = n * scale;
   const s = Math.round(whole / D);
   // Strictly between both powers of ten: k is the right one.
-  if (s <= TENS[digits - 1] || s >= TENS[digits] - 1) return NaN;
+  if (decimals ? s === 0 || s >= EXACT_BOUND : s <= TENS[digits - 1] || s >= TENS[digits] - 1) return NaN;
   const back = s * D;
   const off = whole - back + (rest(n, scale, whole) - rest(s, D, back)); // n * 10^k - s * D
   if (Math.abs(2 * off) > CERTAIN * D) return NaN;

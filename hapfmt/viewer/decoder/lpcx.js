@@ -40,7 +40,7 @@ function parseComponent(reader) {
   const count = reader.u8();
   if (reader.u8() !== 0) broken('HED-005', 'a reserved byte that is not 0', offset + 3);
   if (rule > RULE_BOUND) broken('EXA-002', `rule ${rule}`, offset);
-  const [least, most] = rule === 2 ? [1, 15] : [0, 0];
+  const [least, most] = rule === 2 ? [1, 31] : [0, 0];
   if (digits < least || digits > most) broken('EXA-002', `rule ${rule} with ${digits} digits`, offset);
   const [fewest, many] = rule === RULE_LINEAR ? [1, 16] : [0, 0];
   if (count < fewest || count > many) broken('EXA-002', `rule ${rule} with ${count} terms`, offset);

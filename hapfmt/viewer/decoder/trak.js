@@ -12,7 +12,7 @@ const RATE_BOUND = 2 ** 32;
 const KINDS = ['full', 'lf', 'hf', 'events'];
 const FORMATS = ['counts', 'int64', 'uint64', 'binary16', 'binary32', 'binary64'];
 const STRINGS = { 2: 'labels', 4: 'units', 6: 'quantities', 8: 'axes', 10: 'groups', 12: 'bodySites', 14: 'devices' };
-const KNOWN_TLVS = new Set([1, 2, 3, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22]);
+const KNOWN_TLVS = new Set([1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 22]);
 const OF_THE_BASE = [2, 3, 4, 6, 8, 10, 12, 14, 18];
 const NO_DEVIATION = Object.freeze({ declared: 0, largest: 0 });
 const NO_CALIBRATION = Object.freeze({ A: 1, B: 0, D: 1 });
@@ -105,8 +105,7 @@ function describe(track, faults) {
   const strange = strangePart(track);
   track.unsupported = strange ? strange.message : null;
   track.setup = null;
-  const last = track.firstChannel + track.componentCount - 1;
-  if (track.kind !== 'events' && last > 65534) broken('TRK-010', `channel ${last}`, track.at);
+  track.channels = channelsOf(track, strange);
   if (strange) {
     faults.push(strange);
     // What else the description says may refer to what is not understood: nothing more is held against it.
@@ -133,15 +132,25 @@ function strangePart(track) {
   return CODECS.includes(track.codec) ? null : new HapfError('unsupported', 'TRK-011', `unknown codec ${track.codec}`, at + 1);
 }
 
-const channelsOf = ({ kind, componentCount, firstChannel }) => (
-  kind === 'events' ? [] : Array.from({ length: componentCount }, (_, c) => firstChannel + c)
-);
+// TRK-010. What gives the numbers of a track that is not understood may be anything.
+function channelsOf({ kind, componentCount, firstChannel, tlvs, at }, strange) {
+  if (kind === 'events') return [];
+  const given = tlvs.get(5);
+  const fits = given?.value.length === 2 * (componentCount - 1);
+  if (given && !fits && !strange) broken('TLV-004', 'channel numbers for another number of components', given.offset);
+  const channels = Array.from({ length: componentCount }, (_, c) => (
+    c > 0 && fits ? given.value[2 * c - 2] + 256 * given.value[2 * c - 1] : firstChannel + c));
+  const last = Math.max(...channels);
+  if (last > 65534) broken('TRK-010', `channel ${last}`, fits ? given.offset : at);
+  if (new Set(channels).size < componentCount) broken('TRK-010', 'two components with one channel number', given.offset);
+  return channels;
+}
 
 function describeBarely(track) {
   const all = (value) => new Array(track.componentCount).fill(value);
   const linked = track.linked < 0 ? null : track.linked;
   Object.assign(track, {
-    countMin: 0, countMax: 0, channels: channelsOf(track), base: track.kind === 'hf' ? linked : null,
+    countMin: 0, countMax: 0, base: track.kind === 'hf' ? linked : null,
     continues: track.kind === 'full' || track.kind === 'lf' ? linked : null, parameters: null, parametersOffset: null,
     calibrations: all(NO_CALIBRATION), contract: null, deviation: null, strange: true,
   });
@@ -162,6 +171,7 @@ function checkKind(track) {
     const type = OF_THE_BASE.find((t) => tlvs.has(t));
     if (type) broken('TRK-009', `TLV ${type} of an HF track`, tlvs.get(type).at);
   }
+  if (kind !== 'full' && kind !== 'events' && tlvs.has(5)) broken('TRK-009', 'channel numbers of a track of one band', tlvs.get(5).offset);
   if ((track.codec === 'EVNT') !== (kind === 'events')) {
     broken('TRK-019', `codec ${track.codec} of a track of kind ${kind}`, at + 1);
   }
@@ -191,7 +201,6 @@ function fill(track) {
   track.provenance = read(22, readText);
   track.parameters = tlvs.get(1)?.value ?? null;
   track.parametersOffset = tlvs.get(1)?.offset ?? track.at;
-  track.channels = channelsOf(track);
   track.base = kind === 'hf' ? linked : null;
   track.continues = kind !== 'hf' && linked >= 0 ? linked : null;
   track.continuesAsRead = track.continues;
@@ -207,12 +216,18 @@ function readSetup(track, faults) {
   }
 }
 
-// The record of a track with another first channel, linked to another track (null: to none).
-export function recordLinked({ record, places: [channelAt, linkedEnd] }, channel, linked) {
+// The record of a track with other channels, linked to another track (null: to none).
+export function recordLinked({ record, tlvs, places: [channelAt, linkedEnd] }, channels, linked) {
+  const rest = record.slice(linkedEnd);
+  const given = tlvs.get(5)?.value;
+  if (given) {
+    const at = given.byteOffset - record.byteOffset - linkedEnd;
+    channels.slice(1).forEach((channel, c) => rest.set([channel % 256, channel >> 8], at + 2 * c));
+  }
   const numbers = [];
-  putVarint(numbers, channel);
+  putVarint(numbers, channels[0]);
   putVarint(numbers, linked === null ? 0 : 1 + linked);
-  return Uint8Array.from([...record.subarray(0, channelAt), ...numbers, ...record.subarray(linkedEnd)]);
+  return Uint8Array.from([...record.subarray(0, channelAt), ...numbers, ...rest]);
 }
 
 export function limitDescriptions(total, offset) {

@@ -1,0 +1,235 @@
+"""How long packets and clusters are, decided before anything is coded.
+
+Long packets are small, short ones lose little where a byte changes. A few samples of each channel
+tell about how many bytes it takes. From these the loss that one changed byte causes on average
+follows, for any number of packets. Each channel gets as many as lose least at the same size: the
+root of its bytes times its samples, by what a packet costs there. In a small file packets may cost
+a share of the size, and the loss follows from that.
+
+Packets begin where clusters do, or divide them. So a file that was cut keeps some seconds of all
+channels, and not some channels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import ceil, log, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..recording import Channel, Recording
+from .bounded import error_of
+from .gridded import Gridded
+from .lattice import Lattice, LatticeSearch, sparse
+from .settings import Settings
+
+SHARES, TRIED, GUESSED = 35, (38, 42, 46, 50, 54, 58), 50
+"""One changed byte should take at most one of SHARES of the samples, as the mean of all bytes.
+Numbers of packets are rounded, so several numbers of shares are TRIED; from GUESSED on where some
+channels may turn out to follow from others."""
+
+LARGE, PRICE, LARGE_PRICE = 95_000, 0.006, 0.025
+"""Bytes of a large file, by an estimate; and the share of the size that short packets may cost, in
+small files and in large ones."""
+
+PACKET = 40
+"""Bytes that a packet costs: its row, its predictor, its first states."""
+
+DISTINCT = 1.25
+"""Bytes for each double that shares its count with others: a packet tells its correction anew."""
+
+WORST, SEEN = 10.5, 0.005
+"""A packet has at most this share of all samples, where its track has SEEN of the bytes; and a
+chunk of a large file."""
+
+SHORTEST = 128
+"""Ticks of a packet."""
+
+CLUSTERS, ENOUGH = (12, 6, 4, 3, 2), 6
+"""Clusters of a short recording: as many as a third of SHARES allows. A recording that has ENOUGH
+of the longest keeps these."""
+
+PIECES, PIECE = 16, 256
+"""Samples of a channel that are looked at."""
+
+SPREAD = 5.4
+"""Errors of a Laplacian distribution take log2(1 + 5.4 times their mean) bits."""
+
+WORD_SHARE = 0.8
+"""Of the bits of a number that has no grid."""
+
+FELT_SHARE = 1 / 3
+"""Of the bits of a bounded channel that one with a texture takes, or with a relative bound."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """Estimated bytes of a channel, its samples, and the bytes that one packet more costs."""
+
+    size: float = 0.0
+    samples: int = 0
+    cost: float = PACKET
+    guessed: bool = False
+    """Whether it is of doubles without a grid."""
+
+    @classmethod
+    def of(cls, loads: Iterable[Load]) -> Load:
+        """Several channels in one track."""
+        every = list(loads)
+        return cls(
+            sum(each.size for each in every), sum(each.samples for each in every),
+            sum(each.cost for each in every),
+        )  # fmt: skip
+
+    @property
+    def root(self) -> float:
+        return sqrt(self.size * self.samples * self.cost)
+
+
+def load_of(member: Gridded, search: LatticeSearch) -> Load:
+    """The estimate for one channel; ``search``: of its values as they were recorded."""
+    channel, promise = member.channel, member.promise
+    size = channel.stored.size
+    if not size:
+        return Load()
+    looked, cost = pieces_of(channel.stored).astype(np.float64), float(PACKET)
+    step = natural_step(member, search)
+    if step is not None:
+        near = np.rint(looked / step)
+        shared = np.unique(looked).size - np.unique(near).size
+        bits = bits_of(near)
+        cost += DISTINCT * max(shared, 0)
+    elif channel.calibration is None:
+        bits = WORD_SHARE * 8 * channel.stored.itemsize
+    else:
+        away = np.abs(looked - channel.calibration.zero)
+        room = max(error_of(channel, promise), int(promise.k * Fraction(float(np.median(away)))))
+        bits = bits_of(np.rint(looked / (2 * room + 1)))
+        if promise.k or promise.texture is not None:
+            bits *= FELT_SHARE
+    guessed = step is None and channel.calibration is None
+    return Load(bits * size / 8, size, cost, guessed)
+
+
+def natural_step(member: Gridded, search: LatticeSearch) -> float | None:
+    """The step of doubles that are near to a grid, in the unit of the channel or in its counts."""
+    calibration = member.channel.calibration
+    if not member.promise.lossless or search.given.dtype != np.float64 or search.refusal:
+        return None
+    if calibration is None:
+        steps = search.steps(None)
+        return steps.low if steps else None
+    counts = member.channel.stored
+    if member.channel.deviation is not None or not sparse(pieces_of(counts)):
+        return None
+    steps = search.steps(Lattice(calibration, counts, True, 0.0, ""))
+    return steps.low / float(abs(calibration.step)) if steps else None
+
+
+def pieces_of(x: NDArray[np.generic]) -> NDArray[np.generic]:
+    """[pieces, samples]: spread over the channel, or all of it."""
+    if x.size <= PIECES * PIECE:
+        return x[None]
+    starts = (x.size - PIECE) * np.arange(PIECES) // (PIECES - 1)
+    return np.asarray(x[starts[:, None] + np.arange(PIECE)])
+
+
+def bits_of(looked: NDArray[np.float64]) -> float:
+    """Bits a sample, each piece by the best of the first three differences."""
+    found = []
+    x = looked - np.floor(looked.mean(axis=1, keepdims=True))
+    for _ in range(3):
+        if x.shape[1]:
+            found.append(np.log2(1 + SPREAD * np.abs(x).mean(axis=1)))
+        x = np.diff(x, axis=1)
+    return float(np.min(found, axis=0).mean())
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """Seconds of a cluster, and of the packets of each track."""
+
+    cluster: Fraction
+    longest: Fraction
+    """Seconds of the longest packet."""
+
+    whole: Load = Load()
+    shares: float = 0.0
+    """One changed byte takes one of so many shares of the samples. 0: all packets are as long as a
+    cluster."""
+
+    density: float = 0.0
+    """Packets of a track, for each root of its load over its cost."""
+
+    @classmethod
+    def of(cls, recording: Recording, settings: Settings, loads: Sequence[Load]) -> Lengths:
+        longest = settings.cluster_of(recording)
+        whole, root = Load.of(loads), sum(load.root for load in loads)
+        if settings.cluster is not None or settings.preset == "paper" or not root:
+            return cls(longest, longest)
+        price = LARGE_PRICE if whole.size >= LARGE else PRICE
+        most = price * whole.size**2 * whole.samples / root**2
+        guessed = settings.references and sum(load.guessed for load in loads) > 1
+        tried = [min(most, n) for n in TRIED if n >= GUESSED or not guessed]
+        some = [channel for channel in recording.channels if channel.coverage]
+        begin = min(channel.coverage[0].start / channel.rate_exact for channel in some)
+        end = max(channel.coverage[-1].stop / channel.rate_exact for channel in some)
+        fastest = max(channel.rate_exact for channel in recording.channels)
+        count = next((n for n in CLUSTERS if 3 * n <= tried[0]), 1)
+        cluster = longest
+        if count > 1 and end - begin < ENOUGH * longest:
+            ticks = ceil((end - begin) * fastest / count)
+            cluster = min(longest, Fraction(max(ticks, SHORTEST)) / fastest)
+        found = cls(cluster, longest, whole)
+        for shares in tried:
+            found = replace(found, shares=shares).known(loads)
+            if found.loss(recording.channels, loads) * SHARES <= 1:
+                break
+        return found
+
+    @property
+    def cluster_samples(self) -> int | None:
+        """Most samples of a chunk of a large file: all are lost where its header is damaged."""
+        return int(self.whole.samples / WORST) if self.shares >= SHARES else None
+
+    def loss(self, channels: Sequence[Channel], loads: Sequence[Load]) -> float:
+        """The mean share of all samples that one changed byte takes."""
+        lost = 0.0
+        for channel, load in zip(channels, loads, strict=True):
+            ticks = float(self.seconds([channel], [load]) * channel.rate_exact)
+            lost += load.size * min(ticks, load.samples)
+        return lost / (self.whole.size * self.whole.samples)
+
+    def known(self, tracks: Sequence[Load]) -> Lengths:
+        """The same, where these are all tracks."""
+        whole, root = Load.of(tracks), sum(load.root for load in tracks)
+        if not self.shares or not root:
+            return self
+        return replace(self, whole=whole, density=self.shares * root / (whole.size * whole.samples))
+
+    def seconds(self, channels: Sequence[Channel], loads: Sequence[Load]) -> Fraction:
+        """Of the packets of a track with these channels."""
+        load, rate = Load.of(loads), channels[0].rate_exact
+        if not self.shares or not load.samples:
+            return self.cluster
+        ticks = load.samples // len(loads)
+        least = 0.0
+        if load.size > SEEN * self.whole.size:
+            least = WORST * min(self.shares / SHARES, 1) * load.samples / self.whole.samples
+        parts = max(self.density * sqrt(load.size * load.samples) / sqrt(load.cost), least, 1.0)
+        lasts, most = Fraction(ticks) / rate, max(ticks / SHORTEST, 1.0)
+        if lasts <= self.cluster:
+            return lasts / round(min(parts, most)) if parts < most else self.cluster
+        clusters = float(lasts / self.cluster)
+        ways = [Fraction(n) for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
+        ways += [Fraction(1, n) for n in range(2, ceil(parts / clusters) + 2)]
+        # Of ways that are as near, the longest packets.
+        found = [
+            (abs(log(max(clusters / way, 1.0) / parts)), -way)
+            for way in ways
+            if least <= clusters / way <= most
+        ]
+        return self.cluster * (-min(found)[1] if found else 1)
