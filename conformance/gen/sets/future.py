@@ -112,7 +112,7 @@ TRACKS = [
       for number in (6, 15)],
     *[(f"track-tlv-{type_}", "TLV-003", f"A track carries a critical TLV of type {type_}.",
        beside(f.trak(f.HOLD + tlvs(type_), first_channel=1), CONSTANT))
-      for type_ in (5, 13, 0x8001, 0xFFFF)],
+      for type_ in (7, 13, 0x8001, 0xFFFF)],
 ]  # fmt: skip
 
 SEVERAL = [
