@@ -21,7 +21,7 @@ from hapfmt import edit
 from hapfmt.edit.additions import free_name
 from hapfmt.edit.making import same
 from hapfmt.format.extras import Attachment
-from hapfmt.format.wire import HEADER_SIZE
+from hapfmt.format.walk import FOOT_SIZE
 from hapfmt.writing.start import open_append
 
 
@@ -72,7 +72,7 @@ def test_any_metadata(members: dict[str, Any]) -> None:
 
 
 def test_a_file_that_was_not_closed_is_gone_on_with(file: Path) -> None:
-    file.write_bytes(made("paper step")[: -(HEADER_SIZE + 32) + 7])
+    file.write_bytes(made("paper step")[: -FOOT_SIZE + 7])
     notes = edit.attach(file, [Attachment("a", "", b"a")])
     [note] = notes
     assert re.fullmatch(r"appending: 7 bytes at \d+ were cut off, no whole chunk", note)

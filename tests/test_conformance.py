@@ -27,8 +27,8 @@ TRACK = {
     "rate": [1000, 1], "spans": [[0, 3], [9, 10]], "numbers": "a.raw",
 }  # fmt: skip
 HEAD = {
-    "major": 1, "minor": 0, "level": 1, "file_id": "0x0000000000000007", "uuid": None, "epoch_ns": None,
-    "epoch_uncertainty_ns": None,
+    "major": 1, "minor": 0, "level": 1, "file_id": "0x0000000000000007",
+    "uuid": "00000000000080008700000000000000", "epoch_ns": None, "epoch_uncertainty_ns": None,
 }  # fmt: skip
 REPORT = {
     "verdict": "intact", "damages": [], "lost": [], "byte_count": 0, "channels": [], "findings": [],

@@ -23,7 +23,7 @@ JOB = {
          "spans": [[0, 300], [400, 500]], "numbers": "a.raw"}
     ],
     "mode": "deadband", "k": [1, 10], "floor": 3, "guaranteed": True, "file_id": "0x0000000000000009",
-    "cluster_s": [1, 10],
+    "cluster_s": [1, 50],
 }  # fmt: skip
 
 

@@ -186,7 +186,7 @@ class TestHead:
     )
     def test_values(self, tlvs):
         """
-        HED-002: `HEAD` MUST contain the fixed layout and then whole TLVs. The value of TLV 2 and of TLV 4 has 16 bytes, the uncertainty is less than 2^63. The value of TLV 2 and of TLV 4 has 16 bytes, the uncertainty is less than 2^63.
+        HED-002: `HEAD` MUST contain the fixed layout and then whole TLVs. The value of TLV 2 and of TLV 4 has 16 bytes, the uncertainty is less than 2^63.
         """
         assert rule(f.closed(("HEAD", f.head(tlvs)))) == ("nonconforming", "HED-002")
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..encoder.settings import QUANTITY_OF_UNIT
+from ..encoder.settings import QUANTITY_OF_UNIT, lossy_preset
 from ..errors import HapfmtError
 from ..lab.parts import FileParts
 from ..reading.catalogue import ChannelRef
@@ -118,7 +118,7 @@ def about_file(reader: Reader) -> dict[str, Any]:
     head = reader.catalogue.head
     if head is not None:
         found["uuid"] = str(reader.catalogue.uuid)
-        found["encoder"] = head.encoder or None
+        found["encoder"] = lossy_preset(head.encoder) or None
         if head.epoch_ns is not None:
             with suppress(OverflowError):
                 found["recorded"] = moment(head.epoch_ns).isoformat()

@@ -223,7 +223,7 @@ class Catalogue:
 
     @property
     def uuid(self) -> UUID | None:
-        """Of the recording (SPEC 6.1); None where HEAD is lost."""
+        """The recording's name (SPEC 6.1); None where HEAD is lost."""
         if self.head is None or self.file_id is None:
             return None
         return UUID(bytes=self.head.uuid or uuid_of(self.file_id))

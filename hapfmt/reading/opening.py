@@ -164,7 +164,7 @@ def from_foot(source: ByteSource, chunk: Chunk, limits: Limits) -> Catalogue | N
     catalogue = Catalogue(source, limits, file_id, indexed=True)
     catalogue.foot = parse_foot(chunk.payload, chunk.payload_offset)
     offset = index_before(source, catalogue.foot)
-    index = header_at(source, offset, file_id) if 0 < offset < chunk.offset else None
+    index = header_at(source, offset, file_id) if offset >= FIRST_OFFSET else None
     if index is None or offset + HEADER_SIZE + index.payload_size != chunk.offset:
         # A file without an index right before its footer is read in order (SPEC 6.5).
         return None

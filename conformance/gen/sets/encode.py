@@ -147,13 +147,13 @@ def shapes() -> Iterator[Case]:
          channel(walk, rate=(44_100, 1)), channel(walk[:3], rate=(1, 60))],
     )  # fmt: skip
     yield job(
-        "many-clusters", "Clusters of a fiftieth of a second: more chunks than go without an index.",
+        "many-clusters", "Clusters of a fiftieth of a second: too many chunks for no index.",
         [channel(walk), channel(walk[::-1])], cluster_s=[1, 50],
     )  # fmt: skip
     fine = wander("fine", 3000, 5, -500, 500)
     yield job(
         "between-milliseconds", "1024 ticks a second: clusters begin and end between milliseconds.",
-        [channel(fine, rate=(1024, 1), spans=[[1, 3001]])], cluster_s=[1, 3],
+        [channel(fine, rate=(1024, 1), spans=[[1, 3001]])], cluster_s=[1, 9],
         requirements=["IDX-006", "FOT-002"],
     )  # fmt: skip
     many = [
