@@ -412,13 +412,14 @@ def test_an_overview_shows_the_whole_at_once(viewer: Viewer, folder: Path) -> No
     check_samples(viewer, path)
 
 
-def test_verify_and_bytes(viewer: Viewer, plain: Path, folder: Path) -> None:
+def test_verify_and_bytes(viewer: Viewer, plain: Path, clusters: Path, folder: Path) -> None:
     viewer.open(plain, "blob")
     assert viewer.ask("verify", [])["verdict"] == "intact"
     assert viewer.ask("facts")["verdict"] == "intact"
     data = plain.read_bytes()
     assert bytes(viewer.ask("bytes", [10, 40_000])) == data[10:40_000]
     assert bytes(viewer.ask("bytes", [-5, 1e12])) == data
+    data = clusters.read_bytes()
     harmed = folder / "harmed.hapf"
     harmed.write_bytes(data[:5000] + bytes([data[5000] ^ 1]) + data[5001:])
     facts = viewer.open(harmed)
