@@ -51,6 +51,10 @@ def worked_examples() -> Iterator[Case]:
     )
     seen = [[0, "5000000000", "1000"], [4, "5004000160", "1000"]]
     clocks = [{"track": 0, "name": "pc", "observations": seen}]
+    rest = Track(low=0, high=255, packets=[Packet(0, [8] * 4, b"")])
+    busy = Track(
+        id=1, codec="RAWB", low=-100, high=100, continues=0, packets=[Packet(4, [9, -7, 5], b"")]
+    )
     squares, halves = [0, 1, 4, 9, 16, 25, 36, 49], [0, 1, 2, 5, 8, 13, 18, 25]
     levels = [1, -6, 0, 0, 0, 0, 0, -1, 8, 0, 0, 0, 1]
     coarse = Track(
@@ -122,6 +126,7 @@ def worked_examples() -> Iterator[Case]:
             "Events and another clock.", ["EVT-004", "CLK-001"], [still],
             {"layers": [touch], "clocks": clocks},
         ),
+        "continued": ("A channel in two tracks.", ["TRK-016", "TRK-018"], [rest, busy], {}),
         "quantised": ("Runs and escapes of QUAN.", ["QNT-001", "QNT-003"], [coarse], {}),
         "raw": ("Counts as they are, doubles in DEFLATE.", ["RAW-001"], [vector, doubles], {}),
         "coded": ("Knots of two components, coded.", ["KNT-001"], [lines], {}),
