@@ -492,7 +492,7 @@ _PRESET_OPTIONS = (
     click.option(
         "--cluster",
         type=FractionType(),
-        help="Length of a cluster in seconds [10; up to 120 at slow rates].",
+        help="Length of clusters and packets in seconds [at most 10, or 120 at slow rates].",
     ),
     click.option("--digest", is_flag=True, help="Store the SHA-256 of every decoded track."),
 )

@@ -301,7 +301,7 @@ class Settings:
     cutoff_hz
         the split frequency in Hz.
     cluster
-        length of a cluster in seconds; None: chosen by preset and rate.
+        length of clusters and packets in seconds; None: chosen by preset, rate and size.
     tolerance
         for experts: largest distance of the grid from floating point values.
     interpolation
