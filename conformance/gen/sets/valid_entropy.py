@@ -134,10 +134,11 @@ def by_bits(both: list[int], runs: list[int]) -> Iterator[Case]:
             width=3,
         ),
     )  # fmt: skip
-    packets, start = [], 0
-    for index in (0, 1, -1, 2, -2, 3, 4, 5, -6, 8, 9, 16, -17, 2**22):
-        packets.append(packet([index], coding=quiet, start=start, clamped=WIDE))
-        start += 1
+    numbers = (0, 1, -1, 2, -2, 3, 4, 5, -6, 8, 9, 16, -17, 2**22)
+    packets = [
+        packet([index], coding=quiet, start=start, clamped=WIDE)
+        for start, index in enumerate(numbers)
+    ]
     yield valid(
         "by-bits-one-sample", "Packets of one tick: the first flag has an even chance.",
         ["RNG-001"],
