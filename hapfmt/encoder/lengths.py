@@ -149,7 +149,7 @@ def bits_of(looked: NDArray[np.float64]) -> float:
 
 
 @dataclass(frozen=True)
-class Lengths:
+class PacketLengths:
     """Seconds of a cluster, and of the packets of each track."""
 
     cluster: Fraction
@@ -165,7 +165,7 @@ class Lengths:
     """Packets of a track, for each root of its load over its cost."""
 
     @classmethod
-    def of(cls, recording: Recording, settings: Settings, loads: Sequence[Load]) -> Lengths:
+    def of(cls, recording: Recording, settings: Settings, loads: Sequence[Load]) -> PacketLengths:
         longest = settings.cluster_of(recording)
         whole, root = Load.of(loads), sum(load.root for load in loads)
         if settings.cluster is not None or settings.preset == "paper" or not root:
@@ -203,7 +203,7 @@ class Lengths:
             lost += load.size * min(ticks, load.samples)
         return lost / (self.whole.size * self.whole.samples)
 
-    def known(self, tracks: Sequence[Load]) -> Lengths:
+    def known(self, tracks: Sequence[Load]) -> PacketLengths:
         """The same, where these are all tracks."""
         whole, root = Load.of(tracks), sum(load.root for load in tracks)
         if not self.shares or not root:
