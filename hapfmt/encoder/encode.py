@@ -167,7 +167,7 @@ class PlacedUnit:
     tracks: tuple[PlacedUnit, ...] = ()
     """Where these are several tracks, whose channels lie among each other: what each became."""
     numbers: tuple[int, ...] = ()
-    """Of its channels, where they do not follow one another."""
+    """The channel numbers, where they do not follow one another."""
 
     @property
     def stop(self) -> int:
@@ -191,7 +191,7 @@ class EncodeJob:
     heads: list[int]
     """Channels that begin a track: the first, and those that clocks refer to."""
     loads: Sequence[Load]
-    """Of each channel."""
+    """One for each channel."""
     lengths: PacketLengths
 
     @property
