@@ -158,7 +158,7 @@ class PacketLengths:
 
     whole: Load = Load()
     shares: float = 0.0
-    """The samples over those that one changed byte takes. 0: all packets are as long as a cluster."""
+    """The samples over those that one changed byte takes. 0: packets are as long as a cluster."""
 
     density: float = 0.0
     """Packets of a track, for each root of its load over its cost."""
