@@ -48,7 +48,7 @@ from .exact import (
 from .gridded import INFINITE, KEPT, NO_STEP, Gridded, on_grid
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, sparse
-from .lengths import Lengths, Load, load_of
+from .lengths import Load, PacketLengths, load_of
 from .plan import Promise, check_error, promises_of, range_of, vector_promise
 from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import Settings, Tolerance
@@ -167,7 +167,7 @@ class PlacedUnit:
     tracks: tuple[PlacedUnit, ...] = ()
     """Where these are several tracks, whose channels lie among each other: what each became."""
     numbers: tuple[int, ...] = ()
-    """Of its channels, where they do not follow one another."""
+    """The channel numbers, where they do not follow one another."""
 
     @property
     def stop(self) -> int:
@@ -191,8 +191,8 @@ class EncodeJob:
     heads: list[int]
     """Channels that begin a track: the first, and those that clocks refer to."""
     loads: Sequence[Load]
-    """Of each channel."""
-    lengths: Lengths
+    """One for each channel."""
+    lengths: PacketLengths
 
     @property
     def lossless(self) -> Settings:
@@ -291,10 +291,17 @@ class Encoding:
         heads, count = heads_of(recording, settings), len(recording)
         longest = settings.cluster_of(recording)
         self.job = EncodeJob(
-            settings, originals, promises, searches, threads, heads, [], Lengths(longest, longest)
+            settings,
+            originals,
+            promises,
+            searches,
+            threads,
+            heads,
+            [],
+            PacketLengths(longest, longest),
         )
         prepared, loads = put_on_grids(self.job, 0, count)
-        lengths = Lengths.of(recording, settings, loads)
+        lengths = PacketLengths.of(recording, settings, loads)
         self.job = replace(self.job, loads=loads, lengths=lengths)
         self.rivals: Rivals = {}
         self.parts: list[PlacedUnit] = []

@@ -39,7 +39,7 @@ PACKET = 40
 """Bytes that a packet costs: its row, its predictor, its first states."""
 
 DISTINCT = 1.25
-"""Bytes for each double that shares its count with others: a packet tells its correction anew."""
+"""Bytes for each double that shares its count with others: each packet repeats its correction."""
 
 WORST, SEEN = 10.5, 0.005
 """A packet has at most this share of all samples, where its track has SEEN of the bytes; and a
@@ -59,10 +59,10 @@ SPREAD = 5.4
 """Errors of a Laplacian distribution take log2(1 + 5.4 times their mean) bits."""
 
 WORD_SHARE = 0.8
-"""Of the bits of a number that has no grid."""
+"""The share of its bits that a number without a grid takes."""
 
 FELT_SHARE = 1 / 3
-"""Of the bits of a bounded channel that one with a texture takes, or with a relative bound."""
+"""The share of the bits of a bounded channel that one with a texture or a relative bound takes."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def bits_of(looked: NDArray[np.float64]) -> float:
 
 
 @dataclass(frozen=True)
-class Lengths:
+class PacketLengths:
     """Seconds of a cluster, and of the packets of each track."""
 
     cluster: Fraction
@@ -158,14 +158,13 @@ class Lengths:
 
     whole: Load = Load()
     shares: float = 0.0
-    """One changed byte takes one of so many shares of the samples. 0: all packets are as long as a
-    cluster."""
+    """The samples over those that one changed byte takes. 0: packets are as long as a cluster."""
 
     density: float = 0.0
     """Packets of a track, for each root of its load over its cost."""
 
     @classmethod
-    def of(cls, recording: Recording, settings: Settings, loads: Sequence[Load]) -> Lengths:
+    def of(cls, recording: Recording, settings: Settings, loads: Sequence[Load]) -> PacketLengths:
         longest = settings.cluster_of(recording)
         whole, root = Load.of(loads), sum(load.root for load in loads)
         if settings.cluster is not None or settings.preset == "paper" or not root:
@@ -203,7 +202,7 @@ class Lengths:
             lost += load.size * min(ticks, load.samples)
         return lost / (self.whole.size * self.whole.samples)
 
-    def known(self, tracks: Sequence[Load]) -> Lengths:
+    def known(self, tracks: Sequence[Load]) -> PacketLengths:
         """The same, where these are all tracks."""
         whole, root = Load.of(tracks), sum(load.root for load in tracks)
         if not self.shares or not root:
@@ -211,7 +210,7 @@ class Lengths:
         return replace(self, whole=whole, density=self.shares * root / (whole.size * whole.samples))
 
     def seconds(self, channels: Sequence[Channel], loads: Sequence[Load]) -> Fraction:
-        """Of the packets of a track with these channels."""
+        """How long the packets of a track with these channels are."""
         load, rate = Load.of(loads), channels[0].rate_exact
         if not self.shares or not load.samples:
             return self.cluster
@@ -226,7 +225,7 @@ class Lengths:
         clusters = float(lasts / self.cluster)
         ways = [Fraction(n) for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
         ways += [Fraction(1, n) for n in range(2, ceil(parts / clusters) + 2)]
-        # Of ways that are as near, the longest packets.
+        # Where two ways are as near, the longer packets win.
         found = [
             (abs(log(max(clusters / way, 1.0) / parts)), -way)
             for way in ways
