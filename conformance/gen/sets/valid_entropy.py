@@ -134,14 +134,14 @@ def by_bits(both: list[int], runs: list[int]) -> Iterator[Case]:
             width=3,
         ),
     )  # fmt: skip
-    packets, start = [], 0
-    for index in (0, 1, -1, 2, -2, 3, 4, 5, -6, 8, 9, 16, -17, 2**22):
-        packets.append(packet([index], coding=quiet, start=start, clamped=WIDE))
-        start += 1
+    alone = enumerate((0, 1, -1, 2, -2, 3, 4, 5, -6, 8, 9, 16, -17, 2**22))
     yield valid(
         "by-bits-one-sample", "Packets of one tick: the first flag has an even chance.",
         ["RNG-001"],
-        track(*packets, clamped=WIDE),
+        track(
+            *(packet([index], coding=quiet, start=t, clamped=WIDE) for t, index in alone),
+            clamped=WIDE,
+        ),
     )  # fmt: skip
     loud = [luck.between(-(2**22), 2**22) for _ in range(40)]
     yield uncommon(

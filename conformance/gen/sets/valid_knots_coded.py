@@ -113,7 +113,8 @@ def magnitudes() -> Iterator[Case]:
         track(packet(held, ticks[-1] + 1, LINEAR), interpolation=LINEAR),
     )  # fmt: skip
     yield valid(
-        "coded-knots-three-components", "Three components in one section, one after the other; gaps are shared.",
+        "coded-knots-three-components",
+        "Three components in one section, one after the other; gaps are shared.",
         ["KTE-004"],
         track(
             packet(
