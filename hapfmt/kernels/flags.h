@@ -21,10 +21,11 @@ typedef struct {
     int d;
 } models;
 
-/* 256 times the bits of a share of the 4096. */
+/* 256 times the bits of a share of the 4096; and how every section begins. */
 extern uint16_t hapfmt_costs[SCALE];
+extern models hapfmt_models;
 
-static inline void models_init(models *m)
+static inline void models_prepare(models *m)
 {
     const model even = {EVEN, 2}, rare = {EVEN / 4, 4};
     for (int k = 0; k < KINDS; k++) {
@@ -69,18 +70,21 @@ INLINE void step_on(models *m, uint64_t u)
 
 INLINE int get_flag(uint32_t *x, const uint8_t **next, int width)
 {
-    int bit = (int)(*x & (SCALE - 1)) >= SCALE - width;
-    share s = {(uint16_t)(bit ? SCALE - width : 0), (uint16_t)(bit ? width : SCALE - width)};
-    *x = advance(*x, s, next);
+    uint32_t slot = *x & (SCALE - 1), high = *x >> SCALE_BITS, middle = (uint32_t)(SCALE - width);
+    int bit = slot >= middle;
+    *x = bit ? (uint32_t)width * high + slot - middle : middle * high + slot;
+    if (RARE(*x < LEAST_STATE)) {
+        *x = *x << 16 | (uint32_t)(*next)[0] << 8 | (*next)[1];
+        *next += 2;
+    }
     return bit;
 }
 
 /* A section; the coder has one state. */
 INLINE int get_by_bits_as(decoder *d, int64_t count, int64_t *out, int signs)
 {
-    models m;
+    models m = hapfmt_models;
     uint32_t x = d->x[0];
-    models_init(&m);
     for (int64_t t = 0; t < count; t++) {
         model *near = near_of(&m), *loud = loud_of(&m);
         int k = 0, negative = 0;
@@ -134,8 +138,7 @@ INLINE void note_flag(encoder *e, int width, int bit, int64_t *cost)
 INLINE int note_by_bits_as(encoder *e, workshop *w, const int64_t *in, int64_t count, int signs,
                            int64_t *cost)
 {
-    models m;
-    models_init(&m);
+    models m = hapfmt_models;
     *cost = 0;
     if (!workshop_room(w, e, 1)) return 0;
     note(e, SECTION);
