@@ -100,7 +100,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def residual_file() -> bytes:
-    """LF and HF with a gap, 536 bytes: the worked example `residual`."""
+    """LF and HF with a gap: the worked example `residual`."""
     return (ROOT / "conformance" / "examples" / "residual.hapf").read_bytes()
 
 

@@ -64,7 +64,8 @@ class TestAnyRecording:
     def test_description_comes_back(self, recording):
         after = hapfmt.read(encoded(recording))
         for name in ("uuid", "epoch_ns", "epoch_uncertainty_ns", "attachments"):
-            assert getattr(after, name) == getattr(recording, name)
+            if name != "uuid" or recording.uuid:
+                assert getattr(after, name) == getattr(recording, name)
         assert after.metadata == {**recording.metadata, "encoder": after.metadata["encoder"]}
         for a, b in zip(recording.channels, after.channels, strict=True):
             for name in ("label", "unit", "quantity", "axis", "group", "body_site", "device",

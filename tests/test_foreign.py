@@ -69,13 +69,13 @@ def test_no_sample_of_another_recording(kind, count, seconds, trials, monkeypatc
 
 def file_of(counts: list[int], file_id: int) -> list[bytes]:
     """The chunks of a file whose clusters each hold one count."""
-    chunks = [("HEAD", f.head(), {}), f.TRACK_0]
+    chunks = [("HEAD", f.head()), f.TRACK_0]
     for number, count in enumerate(counts):
         payload = f.cluster((0, 4 * number, 4, f.svarint(count)), file_id=file_id)
-        chunks.append(("DATA", payload, {}))
+        chunks.append(("DATA", payload))
     return [
-        f.chunk(type_, payload, sequence, file_id=file_id, **given)
-        for sequence, (type_, payload, given) in enumerate(chunks)
+        f.chunk(type_, payload, sequence, file_id=file_id)
+        for sequence, (type_, payload) in enumerate(chunks)
     ]
 
 

@@ -533,7 +533,10 @@ class TestTold:
         stream = io.BytesIO()
         hapfmt.write(recording, stream, canonical=1)
         encoder = hapfmt.read(stream.getvalue()).metadata["encoder"]
-        assert "lossless; input: hapfmt" in encoder and "perceptual --quality low" in encoder
+        assert (
+            f"{hapfmt.__version__}; input: hapfmt" in encoder
+            and "perceptual --quality low" in encoder
+        )
 
     def test_json(self, room: Path) -> None:
         out, _ = self.encoded(room, "--bitrate", 4, "--json")

@@ -189,12 +189,6 @@ def test_limits_come_before_damage() -> None:
         reader.read()
 
 
-def test_an_attachment_that_an_index_hides_is_no_error() -> None:
-    """The index names a chunk whose flags are not known."""
-    path = ROOT / "conformance/vectors/future/attachment-flag-7.hapf"
-    assert called("attach", path, "--list").code == 0
-
-
 def test_a_damaged_file_says_what_to_do_next() -> None:
     with pytest.raises(
         ChecksumError, match=r"bad-digest: .* hapfmt.Reader .* hapfmt\.recover\(file, into\)"

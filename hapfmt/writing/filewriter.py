@@ -191,7 +191,7 @@ class FileWriter:
                 f"a {type_} chunk of {len(payload)} bytes is above {self.level.payload_size}, "
                 f"the limit of level {self.level.number}"
             )
-        if type_ != "iNDX" and self.index_due(HEADER_SIZE + len(payload)):
+        if type_ not in ("iNDX", "fOOT") and self.index_due(HEADER_SIZE + len(payload)):
             self.index()
         self.put_chunk(type_, payload)
 
