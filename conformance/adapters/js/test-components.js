@@ -170,7 +170,7 @@ export const components = {
       if (kind === 'signs') out = out.map((_, i) => Math.abs(section.values[i]));
       if (kind === 'bits') coder.repeats(count + 1, p, out);
       else if (kind === 'signs') coder.signs(count, p, out);
-      else if (kind === 'lengths') coder.byLength(count, { first: section.first, ends: lengthEnds(section.weights) }, true, out);
+      else if (kind === 'lengths') coder.wide(count, { first: section.first, ends: lengthEnds(section.weights) }, out, []);
       else if (kind.startsWith('by bits')) coder.byBits(count, kind === 'by bits', out);
       else coder.integers(count, section.class, section.start, kind === 'class', out);
       after.push([...coder.states, coder.front, coder.rawBits]);

@@ -134,15 +134,22 @@ def by_bits(both: list[int], runs: list[int]) -> Iterator[Case]:
             width=3,
         ),
     )  # fmt: skip
+<<<<<<< HEAD
     numbers = (0, 1, -1, 2, -2, 3, 4, 5, -6, 8, 9, 16, -17, 2**22)
     packets = [
         packet([index], coding=quiet, start=start, clamped=WIDE)
         for start, index in enumerate(numbers)
     ]
+=======
+    alone = enumerate((0, 1, -1, 2, -2, 3, 4, 5, -6, 8, 9, 16, -17, 2**22))
+>>>>>>> s7
     yield valid(
         "by-bits-one-sample", "Packets of one tick: the first flag has an even chance.",
         ["RNG-001"],
-        track(*packets, clamped=WIDE),
+        track(
+            *(packet([index], coding=quiet, start=t, clamped=WIDE) for t, index in alone),
+            clamped=WIDE,
+        ),
     )  # fmt: skip
     loud = [luck.between(-(2**22), 2**22) for _ in range(40)]
     yield uncommon(

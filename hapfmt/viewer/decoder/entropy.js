@@ -442,18 +442,6 @@ export class EntropyDecoder {
     broken('RNG-003', 'a coded integer of 2^34 or more', this.offset);
   }
 
-  // A section of integers by length, of at most 48 bits.
-  byLength(count, table, signed, out) {
-    this.section();
-    for (let i = 0; i < count; i++) {
-      const l = table.first + this.symbol(table.ends);
-      let u = 0;
-      if (l > 0) u = POWERS[l - 1] + this.raw(l - 1);
-      out[i] = signed && l > 0 && this.raw(1) === 1 ? -u : u;
-      this.check();
-    }
-  }
-
   // A section of integers by length with raw signs, up to 63 bits: their halves, modulo 2^64.
   wide(count, table, lower, upper) {
     this.section();
