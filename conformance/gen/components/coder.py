@@ -206,16 +206,10 @@ def models() -> Component:
         "models",
         "9.4",
         ("RNG-001", "RNG-003"),
-<<<<<<< HEAD
-        "Models: `p` after each bit, from 32768 on. Sections of integers by bits: `after` the "
-        "first state, and then each integer: the state, bytes taken at the front, and raw bits. "
-        "`models` that the section has used, in its end: contexts (A: i, k; B: j, k; C: k; D: d), p and n.",
-=======
         "Models: `p` after each bit, from 32768 on. Sections of integers by bits: `after` each "
         "integer, and before the first: the state, bytes taken at the front, and raw bits. "
         "`models` that the section has used, at its end: contexts (A: i, k; B: j, k; C: k; D: d), "
         "p and n.",
->>>>>>> s7
         cases,
     )
 

@@ -134,15 +134,7 @@ def by_bits(both: list[int], runs: list[int]) -> Iterator[Case]:
             width=3,
         ),
     )  # fmt: skip
-<<<<<<< HEAD
-    numbers = (0, 1, -1, 2, -2, 3, 4, 5, -6, 8, 9, 16, -17, 2**22)
-    packets = [
-        packet([index], coding=quiet, start=start, clamped=WIDE)
-        for start, index in enumerate(numbers)
-    ]
-=======
     alone = enumerate((0, 1, -1, 2, -2, 3, 4, 5, -6, 8, 9, 16, -17, 2**22))
->>>>>>> s7
     yield valid(
         "by-bits-one-sample", "Packets of one tick: the first flag has an even chance.",
         ["RNG-001"],
