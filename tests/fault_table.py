@@ -365,10 +365,10 @@ FAULTS = [
     Fault("TRK-007", 100, "base full band", added(f.trak(), RESIDUAL)),
     Fault("TRK-007", 100, "another rate", added(UP_TO_HF, f.trak(kind=2, base=0, rate_num=1))),
     Fault("TRK-009", 102, "HF with a label", tracks(f.tlv(2, f.strings("")), kind=2, base=0)),
-    Fault("TRK-009", 133, "LF with channel numbers", tracks(f.tlv(5, b""), kind=1)),
+    Fault("TRK-009", 120, "LF with channel numbers", tracks(f.tlv(5, b""), kind=1)),
     Fault("TRK-010", 102, "channel 65535", tracks(first_channel=65535)),
-    Fault("TRK-010", 133, "a channel twice", tracks(f.tlv(5, bytes(2)), component_count=2)),
-    Fault("TLV-004", 133, "a channel number too many", tracks(f.tlv(5, bytes(2)))),
+    Fault("TRK-010", 120, "a channel twice", tracks(f.tlv(5, bytes(2)), component_count=2)),
+    Fault("TLV-004", 120, "a channel number too many", tracks(f.tlv(5, bytes(2)))),
     Fault("TRK-010", 100, "channel taken", added(f.trak(), f.trak())),
     Fault("TRK-012", TRACK_AT + f.HEADER, "LF alone", judged(
         f.closed(HEAD, ("TRAK", f.trak(kind=1)), DATA))),

@@ -275,7 +275,7 @@ class TestFiles:
     @pytest.fixture
     def path(self, tmp_path):
         path = tmp_path / "a.hapf"
-        path.write_bytes(encoded(CLOCKED))
+        path.write_bytes(encoded(CLOCKED, cluster=1))
         return path
 
     def run(self, *args, code=0):

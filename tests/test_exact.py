@@ -59,7 +59,7 @@ LOGGERS = {
     "true doubles": (NOISE, {QUOTIENT}, 57.5),
     "a decay": (np.sin(np.arange(SIZE)) * np.exp(-np.arange(SIZE) / 400.0), {QUOTIENT}, 57.5),
     "values of binary32": (NOISE.astype(np.float32).astype(float), {QUOTIENT}, 28),
-    "held doubles": (np.repeat(NOISE, 7)[:SIZE], {QUOTIENT}, 9),
+    "held doubles": (np.repeat(NOISE, 7)[:SIZE], {QUOTIENT}, 9.3),
     "far from 0": (NOISE * 1e-5 + 1.1, {QUOTIENT}, 39),
     "-0.0": (np.where(WALK % 3 == 0, -0.0, WALK.astype(float)), {QUOTIENT}, 11),
 }

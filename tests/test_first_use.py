@@ -105,7 +105,7 @@ class TestReports:
         hapfmt.write(SINE, tmp_path / "x.hapf", rate=1000)
         report = hapfmt.verify(tmp_path / "x.hapf", against=hapfmt.read(tmp_path / "x.hapf"))
         assert repr(report).splitlines() == [
-            "Report: intact; 1 packet, 2000 samples",
+            "Report: intact; 2 packets, 2000 samples",
             "  every sample equals the original; none is missing, none was added",
         ]
 

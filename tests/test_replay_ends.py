@@ -295,7 +295,7 @@ def test_a_damaged_file(tmp_path):
     path = rd.recording(tmp_path / "damaged.hapf", [moving, *still], cluster=cluster)
     data = bytearray(path.read_bytes())
     starts = [n for n in range(len(data)) if data[n : n + 4] == b"DATA"]
-    assert len(starts) == 2 * 4, "clusters, and what the index says of them"
+    assert len(starts) == 4, "clusters; so small a file has no index"
     data[starts[1] + 40] ^= 0x40
     path.write_bytes(data)
     with world() as w:

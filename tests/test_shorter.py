@@ -10,7 +10,7 @@ import pytest
 import hapfmt
 from hapfmt.codecs.exact import FOUR_STATES, RECALL, split_packet
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.predict import PRICE, SHARE, SMALL
+from hapfmt.encoder.lengths import PRICE, SHARES
 from hapfmt.recording import Calibration, Channel, Recording
 
 RATE = 1000
@@ -61,7 +61,7 @@ def whole(recording):
 )
 def test_a_packet_holds_few_samples_where_that_is_cheap(recording):
     encoded = encode(recording)
-    assert max(packet.span for packet in encoded.packets) * SHARE <= 4 * recording.sample_count
+    assert max(packet.span for packet in encoded.packets) * SHARES <= 5 * recording.sample_count
     # The index lists more clusters, where there are more.
     assert len(held(recording)) < (1 + 1 / PRICE) * whole(recording) + 100
 
@@ -92,7 +92,7 @@ def test_linear_doubles_start_anew_in_each_part():
     assert [track.codec for track in encoded.tracks] == ["LPCX"]
     assert len(encoded.packets) > 3
     size = sum(len(packet.data) for packet in encoded.packets)
-    assert abs(sum(decision.size for decision in encoded.decisions) - size) < 100
+    assert abs(sum(decision.size for decision in encoded.decisions) - size) < size / 400
     held(recording)
 
 
@@ -102,10 +102,7 @@ def test_presets_with_loss_keep_their_bound(preset):
     held(counts([noise(1), noise(2)]), preset=preset)
 
 
-def test_large_files_and_given_clusters_are_left_alone():
-    large = counts([noise(seed, 65_536, 1 << 28) for seed in range(6)])
-    assert sum(len(packet.data) for packet in encode(large).packets) > SMALL
-    assert len(encode(large).packets) == 6
+def test_given_clusters_are_left_alone():
     assert len(encode(counts([noise(1)]), hapfmt.Settings(cluster=20)).packets) == 1
 
 

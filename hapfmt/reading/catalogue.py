@@ -287,7 +287,8 @@ class Catalogue:
     @property
     def duration(self) -> Fraction:
         """Seconds to the end of the last packet, to the nanosecond above."""
-        if self.indexed and self.foot:
+        unknown = self.indexed or any(chunk.stop_ns is None for chunk in self.data)
+        if unknown and self.foot:
             return Fraction(self.foot.duration_ns, 10**9)
         stop = max((chunk.stop_ns or 0 for chunk in self.data), default=0)
         return min(max(Fraction(stop, 10**9), self.last_found), Fraction(NS_LIMIT, 10**9))

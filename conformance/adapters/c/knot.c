@@ -306,7 +306,9 @@ static void describe_one(Bytes *in, Track *track) {
         last = one.type;
         if (last == 1) set_up(track, at + 1, one.value);
         has_setup |= last == 1;
-        critical |= last & 1 && last > 3;
+        if (last == 5 && one.value.end - one.value.at != 2 * (track->components - 1))
+            stop(NONCONFORMING, "how many channel numbers [TLV-004]");
+        critical |= last & 1 && last > 5;
     }
     if (critical || track->kind > 2 || track->format || !has_setup) track->known = 0;
     if (!track->known) outcome = UNSUPPORTED; /* TRK-011, TLV-003 */
