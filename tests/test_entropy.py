@@ -167,7 +167,7 @@ class TestSections:
     @given(rows, bits, st.data())
     def test_mutated(self, row, marks, data):
         """
-        RNG-001: After the last symbol every state MUST be 65536. The first states, the words, and the raw bits, filled to whole bytes with bits 0, MUST take up exactly the coded bytes. What is read beyond the coded bytes is 0; a decoder stops at the latest after the batch, or outside batches after the integer or bit, that takes more than there is.
+        RNG-001: After the last symbol every state MUST be 65536. The first states, the words, and the raw bits, filled to whole bytes with bits 0, MUST take up exactly the coded bytes. A decoder that has taken more than these bytes stops at the latest after the batch, or outside batches after the integer or bit. What it reads beyond them is 0.
         RNG-003: The magnitude u of an integer by class or by bits MUST be less than 2^34. Its k by bits is at most 35.
         """
         whole, p, way, signs, many = coded(row, marks)
