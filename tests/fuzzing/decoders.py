@@ -105,10 +105,10 @@ def both(call: Callable[[], NDArray[Any]]) -> NDArray[Any] | None:
     return None if isinstance(fast[0], str) else call()
 
 
-def decode(module: Any, ask: Asked, parameters: Any) -> NDArray[np.int32] | None:
+def decode(within: Any, ask: Asked, parameters: Any) -> NDArray[np.int32] | None:
     """By the path of a reader: clamped, and within the range."""
     numbers = both(
-        lambda: module.decode_within(
+        lambda: within(
             ask.packet, parameters, ask.span, ask.width, ask.level, AT, ask.low, ask.high
         )
     )
@@ -125,15 +125,14 @@ def knot(data: bytes) -> None:
     if not ask or not parameters:
         return
     if not parameters.coded:
-        if decode(knots, ask, parameters) is not None:
+        if decode(knots.decode_within, ask, parameters) is not None:
             assert knots.build_knots(*knots.parse_knots(ask.packet, ask.width, AT)) == ask.packet
         return
-    if decode(knots, ask, parameters) is None:
+    if decode(knots.decode_coded_within, ask, parameters) is None:
         return
     limit = parameters.grid.index_limit(ask.level.count_bound)
     way = parameters.interpolation
     ticks, rows = knots.decode_indices(ask.packet, way, ask.span, ask.width, limit, AT)
-    # There is more than one way to code them: class, start, states and signs.
     again = knots.encode_knots(ticks, rows, way)
     back = knots.decode_indices(again, way, ask.span, ask.width, limit, AT)
     assert back[0].tolist() == ticks.tolist() and back[1].tolist() == rows.tolist()
@@ -143,7 +142,7 @@ def quan(data: bytes) -> None:
     ask = asked(data)
     parameters = ask and settled(quantised.QuanParameters.parse, ask.parameters, ask.level, AT)
     if ask and parameters:
-        decode(quantised, ask, parameters)
+        decode(quantised.decode_within, ask, parameters)
 
 
 def rawb(data: bytes) -> None:
@@ -167,14 +166,13 @@ def rawb(data: bytes) -> None:
 def lpcr(data: bytes) -> None:
     ask = asked(data)
     parameters = ask and settled(LpcParameters.parse, ask.parameters, ask.level, AT)
-    if not ask or not parameters or decode(predicted, ask, parameters) is None:
+    if not ask or not parameters or decode(predicted.decode_within, ask, parameters) is None:
         return
     if ask.width > 1:
         return
     limit = parameters.index_limit(ask.level.count_bound)
     predictor, constant, _ = predicted.parse_header(ask.packet, AT)
     if not constant:
-        # There is more than one way to code them: class, start, states and signs.
         indices = predicted.decode_indices(ask.packet, ask.span, limit, AT)
         again = predicted.encode_predicted(indices, replace(predictor, references=()))
         assert (predicted.decode_indices(again, ask.span, limit, AT) == indices).all()
@@ -185,7 +183,7 @@ def mdct(data: bytes) -> None:
     parameters = ask and settled(transform.TransformParameters.parse, ask.parameters, AT)
     if ask and parameters:
         assert parameters.build() == ask.parameters
-        decode(transform, ask, parameters)
+        decode(transform.decode_within, ask, parameters)
 
 
 AFFINES = (
