@@ -142,7 +142,10 @@ def described(draw, level=LEVELS[2]):
         if not tracks or not alike:
             track = draw(one_track(level))
         numbers = {"id": first + i, "first_channel": draw(st.integers(0, 60000))}
-        tracks.append(replace(track, **numbers))
+        more = len(track.components) - 1
+        others = st.lists(st.integers(60001, 65534), min_size=more, max_size=more, unique=True)
+        given = track.kind == "full" and draw(st.booleans())
+        tracks.append(replace(track, further=tuple(draw(others)) if given else (), **numbers))
     return tracks
 
 

@@ -31,6 +31,12 @@ BUCKETS = (f"{CODER}.magnitude", ENDS)
 
 MUTANTS = (
     mutant(
+        "decimals-as-digits",
+        "Rule 2 takes a number of decimals for one of significant digits.",
+        "EXA-002",
+        Edit("codecs.exact:values_of", "if digits >= DECIMALS:", "if digits > 99:"),
+    ),
+    mutant(
         "zero-run-one-short",
         "A run of level 0 is one level shorter than its symbol says.",
         "QNT-004",

@@ -16,6 +16,16 @@ NO_RANGE = (
 
 MUTANTS = (
     mutant(
+        "channel-numbers-ignored",
+        "The components of a track have the numbers after its first channel, whatever TLV 5 says.",
+        "TRK-010",
+        Edit(
+            "format.track:further_of",
+            "found = tuple(value[k] + 256 * value[k + 1] for k in range(0, len(value), 2))",
+            "pass",
+        ),
+    ),
+    mutant(
         "clamp-missing",
         "Decoded counts are not clamped to the declared range of their track.",
         "DEC-001",
