@@ -440,6 +440,8 @@ FAULTS = [
     Fault("IDX-002", 100, "previous behind", at_index(previous=501)),
     Fault("IDX-002", 108, "counts from 1", listed(("HEAD", 8, 0, 0), ("DATA", 88, 5, 9), first=1)),
     Fault("IDX-002", 8, "no index there", lambda: index_entries(BytesSource(f.file(HEAD)), 8, 7)),
+    Fault("IDX-002", TRACK_AT, "an index that leaves out a chunk",
+          lambda: index_entries(BytesSource(f.file(HEAD, ("iNDX", f.index(())))), TRACK_AT, 7)),
     Fault("IDX-002", TRACK_AT, "an index within another",
           lambda: index_entries(BytesSource(f.file(HEAD, NESTED)), TRACK_AT + f.HEADER, 7)),
     Fault("IDX-005", 8 + f.HEADER + len(f.head()) + 3 * (f.HEADER + 2**20), "no index in 4 MiB",

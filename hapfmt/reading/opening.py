@@ -59,6 +59,12 @@ def index_chain(
         listed += entry_count(chunk.payload)
         limits.check("records", listed)
         index = parse_index(chunk.payload, position, chunk.payload_offset)
+        if index.first_sequence + len(index.entries) != chunk.header.sequence:
+            raise FormatError(
+                "the index does not list every chunk before it",
+                requirement="IDX-002",
+                offset=position,
+            )
         parts.append((position, index))
         if not index.previous:
             return parts[::-1]
