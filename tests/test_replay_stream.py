@@ -226,7 +226,8 @@ class TestFalseIndex:
             entries.append((type_, offset + (number == 5), *times))
             offset += f.HEADER + len(payload)
         del entries[3]
-        data = f.closed(*chunks, ahead={"entries": entries}, duration_ns=16_000_000)
+        ahead = {"entries": entries, "first": 1}  # so that the numbers fit
+        data = f.closed(*chunks, ahead=ahead, duration_ns=16_000_000)
         with Reader(data) as reader:
             renderer = Renderer(reader, profile_of(), Assignment((Route(0, 0, Fraction(1)),)))
             renderer.block_samples = 4
@@ -249,7 +250,8 @@ class TestFalseIndex:
             offset += f.HEADER + len(payload)
         entries = [("HEAD", offsets[0], 0, 0), ("TRAK", offsets[1], 0, 0)]
         entries += [("DATA", offsets[2], 0, 4), ("DATA", offsets[4] - 1, 4, 8)]
-        data = f.closed(*chunks, ahead={"entries": entries}, duration_ns=8_000_000)
+        ahead = {"entries": entries, "first": 1}
+        data = f.closed(*chunks, ahead=ahead, duration_ns=8_000_000)
         with Reader(data) as reader:
             assert len(reader.catalogue.tracks) == 1
             renderer = Renderer(reader, profile_of(), Assignment((Route(0, 0, Fraction(1)),)))

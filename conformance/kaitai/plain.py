@@ -113,6 +113,10 @@ def tlv(c: Cursor, values: dict[int, Any], track: Plain | None = None) -> Plain:
     return out | {"value": whole(value, lambda c: read(c, track)) if read else value}
 
 
+def channel_numbers(c: Cursor, _: Any) -> Plain:
+    return {"further": c.until_end(lambda c: int.from_bytes(c.take(2), "little"))}
+
+
 def epoch(c: Cursor, _: Any) -> Plain:
     return {"epoch_ns": c.i64(), "uncertainty_ns": int.from_bytes(c.take(8), "little")}
 
@@ -273,7 +277,7 @@ PAYLOADS = {
     "dGST": lambda c: {"track": c.varint(), "digests": c.until_end(lambda c: c.take(32))},
 }  # fmt: skip
 VALUES = {
-    1: parameters, 3: calibrations, 16: contract, 18: deviations, 22: text,
+    1: parameters, 3: calibrations, 5: channel_numbers, 16: contract, 18: deviations, 22: text,
     **dict.fromkeys((2, 4, 6, 8, 10, 12, 14), strings),
 }  # fmt: skip
 PARAMETERS = {
