@@ -1,4 +1,4 @@
-"""Clause 6.3, TLV 11: a channel coded in several tracks, one after the other."""
+"""Clause 6.3: a channel coded in several tracks, one after the other."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from test_damage import check
 import hapfmt
 from hapfmt.cli import cli
 from hapfmt.encoder.encode import encode
+from hapfmt.errors import UnsupportedError
 from hapfmt.format.cluster import Packet
 from hapfmt.format.source import BytesSource
 from hapfmt.format.track import Component, Track
@@ -335,6 +336,20 @@ class TestUnknown:
                 CliRunner().invoke(cli, ["info", str(path), *how], standalone_mode=False).exception
                 is None
             )
+
+    @pytest.mark.parametrize("first_channel", [0, 5])
+    def test_two_that_continue_it_share_no_channel(self, first_channel):
+        """TRK-010: Channel numbers MUST be at most 65534, and different for different components; only HF tracks and continued tracks share them. In a closed file they are 0, 1, 2 ... without a hole."""
+        numbers = f.HOLD + f.tlv(5, b"\5\0")
+        data = f.closed(
+            HEAD,
+            ("TRAK", f.trak(codec=b"NEWC")),
+            ("TRAK", f.trak(numbers, component_count=2, continues=0, first=1)),
+            ("TRAK", f.trak(first_channel=first_channel, continues=0, first=2)),
+            ("TRAK", f.trak(component_count=4, first_channel=1, first=3)),
+        )
+        with pytest.raises(UnsupportedError):
+            Reader(data)
 
     def test_that_fits(self):
         strange = ("TRAK", f.trak(b"", continues=0, codec=b"NEWC", first=1))

@@ -213,6 +213,17 @@ class TestUnknownParts:
         assert samples(data, band="lf") == {(0, tick): 5 for tick in range(4)}
         assert samples(data) is None
 
+    @pytest.mark.parametrize(
+        ("base", "residual"), [({}, {"codec": b"NEWC"}), ({"codec": b"NEWC"}, {})]
+    )
+    def test_a_residual_of_unknown_parts_takes_no_channel(self, base, residual):
+        """Its numbers, whatever they are, are left to other tracks."""
+        pair = ("TRAK", f.trak(kind=1, **base)), hf(first_channel=1, **residual)
+        other = ("TRAK", f.trak(first=2, first_channel=1))
+        data = f.closed(HEAD, *pair, other, ("DATA", f.cluster((2, 0, 4, f.KNOT_DATA))))
+        assert verify(data).verdict == "unsupported"
+        assert samples(data, channels=[1]) == {(1, tick): 5 for tick in range(4)}
+
 
 class TestResiduals:
     """

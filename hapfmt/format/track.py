@@ -216,9 +216,15 @@ class TrackTable:
     def __init__(self) -> None:
         self.tracks: dict[int, Track] = {}
         self.payloads: dict[int, bytes] = {}
-        self.channels: set[int] = set()
         self.bases: set[int] = set()
-        self.continued: set[int] = set()
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget whose the channel numbers are."""
+        self.owned: set[int] = set()
+        self.supported: set[int] = set()
+        self.last: dict[int, Track] = {}
+        """The last supported track of each first channel."""
 
     def is_new(self, payload: bytes, offset: int) -> bool:
         """False for an exact copy of a TRAK payload that is known already."""
@@ -243,31 +249,24 @@ class TrackTable:
         for track in tracks:
             if not damaged:
                 self.check(track)
-            if track.continues is not None:
-                if track.unsupported is None:
-                    self.continued.add(track.continues)
-            else:
-                self.channels.update(track.channels)
             if track.kind == "hf" and track.base is not None:
                 self.bases.add(track.base)
             self.tracks[track.id] = track
 
     def check(self, track: Track) -> None:
         """TRK-007, 010 and 016: what must hold between a new track and those before it."""
-        id_ = track.base if track.continues is None else track.continues
-        linked = None if id_ is None else self.tracks.get(id_)
         if track.unsupported is not None:
             # An unknown part comes before a broken rule (clause 13).
-            return
-        alone = linked is not None and linked.unsupported is not None
-        if track.kind == "hf":
-            if not alone:
+            if track.kind != "hf":
+                self.owned.update(track.channels)
+        elif track.kind == "hf":
+            base = self.tracks.get(-1 if track.base is None else track.base)
+            if base is None or base.unsupported is None:
                 self.check_base(track)
-        elif track.continues is not None:
-            if not alone:
-                self.check_continued(track)
-        elif not self.channels.isdisjoint(track.channels):
-            raise taken(track)
+        elif track.continues is not None and track.continues not in self.tracks:
+            raise unlike(track)
+        elif track.kind != "events":
+            self.place(track)
 
     def chains(self) -> list[list[Track]]:
         """Tracks of channels but for HF, those that continue one another together, by their ids;
@@ -296,21 +295,15 @@ class TrackTable:
         """In a damaged file: drops tracks that do not fit those that are left with smaller ids
         (SPEC 14.2)."""
         dropped: list[FormatError] = []
-        last: dict[int, Track] = {}
-        owned: set[int] = set()
-        supported: set[int] = set()
+        self.forget()
         self.bases.clear()
         tracks = [self.tracks[id_] for id_ in sorted(self.tracks)]
         for track in [track for track in tracks if track.kind not in ("hf", "events")]:
-            error = self.stranger(track, last.get(track.first_channel), owned, supported)
-            if error is not None:
+            try:
+                self.place(track)
+            except FormatError as error:
                 del self.tracks[track.id]
                 dropped.append(error)
-                continue
-            owned.update(track.channels)
-            if track.unsupported is None:
-                supported.update(track.channels)
-                last[track.first_channel] = track
         for track in [track for track in tracks if track.kind == "hf"]:
             try:
                 if track.unsupported is None and self.knows(track.base):
@@ -329,25 +322,25 @@ class TrackTable:
         track = self.tracks.get(-1 if id_ is None else id_)
         return track is not None and track.unsupported is None
 
-    def stranger(
-        self, track: Track, before: Track | None, owned: set[int], supported: set[int]
-    ) -> FormatError | None:
-        """Why a track does not fit ``before``, the last supported one with its first channel."""
+    def place(self, track: Track) -> None:
+        """Give a track of another kind than HF and events its channels, where it fits the tracks
+        before it: the last supported one with its first channel, and the owners of the others."""
+        before, known = self.last.get(track.first_channel), self.knows(track.continues)
+        numbers = self.owned if track.continues is None else self.supported
         if track.unsupported is not None:
-            free = track.continues is not None or owned.isdisjoint(track.channels)
-            return None if free else taken(track)
-        if before is not None and track.continues is not None:
-            other = self.knows(track.continues) and track.continues != before.id
-            return unlike(track) if other or not track.fits(before) else None
-        if self.knows(track.continues):
-            return unlike(track)
-        numbers = owned if track.continues is None else supported
-        return None if numbers.isdisjoint(track.channels) else taken(track)
-
-    def check_continued(self, track: Track) -> None:
-        before = self.tracks.get(-1 if track.continues is None else track.continues)
-        if before is None or track.continues in self.continued or not track.fits(before):
+            if track.continues is None and not numbers.isdisjoint(track.channels):
+                raise taken(track)
+        elif before is not None and track.continues is not None:
+            if (known and track.continues != before.id) or not track.fits(before):
+                raise unlike(track)
+        elif known:
             raise unlike(track)
+        elif not numbers.isdisjoint(track.channels):
+            raise taken(track)
+        self.owned.update(track.channels)
+        if track.unsupported is None:
+            self.supported.update(track.channels)
+            self.last[track.first_channel] = track
 
     def check_base(self, track: Track) -> None:
         base = self.tracks.get(-1 if track.base is None else track.base)
