@@ -296,6 +296,14 @@ class TestTlv:
         assert rule(f.closed(HEAD, even, f.DATA_0)) == ("intact", None)
         assert verify(f.closed(HEAD, odd, f.DATA_0)).verdict == "unsupported"
 
+    @pytest.mark.parametrize("broken", [b"\xff\xff", f.tlv(6, b""), f.tlv(8, b"")[:1]])
+    def test_an_unknown_type_in_head_comes_before_what_breaks_a_rule(self, broken):
+        """
+        TLV-003: A reader MUST treat a track with an unknown critical TLV as *unsupported*, and a file with one in `HEAD` too. It skips unknown ancillary TLVs.
+        """
+        head = ("HEAD", f.head(f.tlv(7, b"") + broken))
+        assert rule(f.closed(head, f.TRACK_0, f.DATA_0)) == ("unsupported", "TLV-003")
+
 
 class TestMetadata:
     @given(strategies.metadata)

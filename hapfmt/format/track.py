@@ -20,6 +20,7 @@ from ..limits import (
     FRACTION_LIMIT,
     LAST_CHANNEL,
     LAST_TRACK_ID,
+    LEVELS,
     SINGLE_MAX,
     ZERO_LIMIT,
     Level,
@@ -505,9 +506,11 @@ def build_description(tracks: Sequence[Track]) -> bytes:
 
 
 def pack(first_id: int, plain: bytes) -> bytes:
-    """The payload uncompressed, or as a DEFLATE stream if that is shorter."""
+    """The payload uncompressed, or as a DEFLATE stream if that is shorter, and TRK-020 allows it at
+    any level."""
     packed = build_varint(len(plain)) + deflate(plain)
-    least = packed if len(packed) <= len(plain) else b"\0" + plain
+    fits = len(plain) < LEVELS[1].payload_size
+    least = packed if fits and len(packed) <= len(plain) else b"\0" + plain
     return build_varint(first_id) + least
 
 

@@ -14,8 +14,6 @@ from .layout import CHUNK_HEADER, HEAD, HEAD_EPOCH, SIGNATURE, SYNC
 
 T = TypeVar("T")
 LAST_TLV = 0xFFFF
-VALUE_SIZE = 0xFFFF
-"""Bytes of a value that this writer makes."""
 STRING_SIZE, SAME = 0xFE, 0xFF
 """Texts are at most 254 bytes; a length of 255 stands for the text before."""
 
@@ -50,10 +48,7 @@ def parse_tlv(payload: bytes, position: int, base: int, found: Tlvs) -> int:
 def build_tlvs(values: dict[int, bytes]) -> bytes:
     out = bytearray()
     for type_ in sorted(values):
-        value = values[type_]
-        if len(value) > VALUE_SIZE:
-            raise ParameterError(f"a description of {len(value)} bytes is above the limit of 65535")
-        out += build_varint(type_) + build_varint(len(value)) + value
+        out += build_varint(type_) + build_varint(len(values[type_])) + values[type_]
     return bytes(out)
 
 
@@ -275,7 +270,7 @@ class Head:
                 time_ns=self.epoch_ns, uncertainty_ns=self.epoch_uncertainty_ns
             )
         if self.encoder:
-            values[ENCODER] = encode_text(self.encoder, VALUE_SIZE)
+            values[ENCODER] = encode_text(self.encoder, LEVELS[self.level].payload_size)
         fixed = HEAD.build(major=self.major, minor=self.minor, level=self.level)
         return fixed + build_tlvs(values)
 
@@ -292,12 +287,17 @@ def parse_head(payload: bytes, offset: int) -> Head:
             f"level {raw.level}", requirement="HED-004", offset=offset + places["level"]
         )
     HEAD.parse(payload, 0, "HED-002", offset)
-    tlvs = parse_tlvs(payload, HEAD.size, offset)
-    unknown = [type_ for type_ in tlvs if type_ % 2]
-    if unknown:
-        raise UnsupportedError(
-            f"critical TLV {unknown[0]} in HEAD", requirement="TLV-003", offset=offset
-        )
+    tlvs, position = Tlvs(), HEAD.size
+    try:
+        while position < len(payload):
+            position = parse_tlv(payload, position, offset, tlvs)
+    finally:
+        unknown = [type_ for type_ in tlvs if type_ % 2]
+        if unknown:
+            # It comes before a broken rule, even in the TLVs behind it (clause 13).
+            raise UnsupportedError(
+                f"critical TLV {unknown[0]} in HEAD", requirement="TLV-003", offset=offset
+            )
     for type_ in (UUID, EPOCH):
         at, value = tlvs.get(type_, (offset, bytes(HEAD_EPOCH.size)))
         if len(value) != HEAD_EPOCH.size:
