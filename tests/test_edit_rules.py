@@ -31,13 +31,16 @@ from edited import (
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import jsons, metadata
+from test_concat import concat
 from test_edit import merge, split_up, subset
+from test_recover import recovered
 
 import hapfmt
 from hapfmt import edit
 from hapfmt.edit.joining import nearest
 from hapfmt.edit.making import Original, combined, common_period
 from hapfmt.format.source import BytesSource
+from hapfmt.limits import LEVELS
 from hapfmt.reading.catalogue import Catalogue
 from hapfmt.reading.opening import open_catalogue
 from hapfmt.writing.start import open_append
@@ -291,6 +294,39 @@ class TestDescriptions:
         assert [t.first_channel for t in tracks_of(part).values()] == [1, 0]
         for file in (whole, part, merge([data, data], times="same")[0]):
             assert_intact(file)
+
+    @pytest.mark.parametrize("level", [1, 2])
+    def test_long_texts(self, level: int) -> None:
+        """No rule limits them but that of payloads."""
+        size = LEVELS[level].payload_size - 100
+        encoder, provenance = forge.tlv(6, b"e" * size), forge.tlv(22, b"p" * size)
+        tracks = ("TRAK", forge.trak(forge.HOLD + provenance))
+        data = forge.closed(("HEAD", forge.head(encoder, level=level)), tracks, forge.DATA_0)
+        for copy in (subset(data)[0], merge([data])[0], recovered(data)[0]):
+            assert_intact(copy)
+            catalogue = catalogue_of(copy)
+            assert catalogue.head is not None and catalogue.head.encoder == "e" * size
+            assert catalogue.tracks[0].provenance == "p" * size
+
+    @pytest.mark.parametrize("labels", ["", "abc"])
+    def test_components_in_another_order(self, labels: str) -> None:
+        """EDT-004: A track MUST keep its description except where its position in the new file requires a change; one description may serve tracks of several files only where no decoded number, contract or text differs by it."""
+        packet = b"".join(map(forge.svarint, (5, 6, 7)))
+
+        def file(*order: int) -> bytes:
+            names = forge.strings(*(labels[number] for number in order)) if labels else b"\0"
+            tlvs = forge.HOLD + forge.tlv(2, names)
+            tlvs += forge.tlv(5, struct.pack("<2H", *order[1:]))
+            track = forge.trak(tlvs, component_count=3, first_channel=order[0])
+            data = ("DATA", forge.cluster((0, 0, 4, packet)))
+            return forge.closed(("HEAD", forge.head()), ("TRAK", track), data)
+
+        joined, _ = concat([file(2, 0, 1), file(2, 0, 1)], gap=0)
+        assert [list(channel.counts) for channel in hapfmt.read(joined)] == [
+            [6] * 8, [7] * 8, [5] * 8,
+        ]  # fmt: skip
+        with pytest.raises(hapfmt.ParameterError, match="channels 2, 1, 0 are coded together"):
+            concat([file(2, 0, 1), file(2, 1, 0)], gap=0)
 
     def test_a_codec_of_another_time_is_copied(self) -> None:
         track = forge.trak(codec=b"xNEW", tlvs=forge.tlv(1, b"who knows"))

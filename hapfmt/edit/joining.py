@@ -270,7 +270,7 @@ def check_alike(track: Track, last: Track, original: Original) -> None:
                 "with subset, or encode one of them again with the same",
                 path=original.name,
             )
-    if len(track.components) != len(last.components):
+    if [*track.channels] != [*last.channels]:
         raise apart(track, original)
 
 
