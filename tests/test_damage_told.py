@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from fractions import Fraction
 
+import forge as f
 import numpy as np
 import pytest
 from commands import run
@@ -215,6 +216,21 @@ def test_the_length_is_that_of_the_packets_found(tmp_path):
     found = json.loads(run("info", "start.hapf", "--json", cwd=tmp_path).stdout)
     assert found["duration_s"] is None
     assert b"of unknown length" in run("info", "start.hapf", cwd=tmp_path).stdout
+
+
+@pytest.mark.parametrize("place", [8, 40], ids=["header", "payload"])
+@pytest.mark.parametrize("indexed", [False, True])
+def test_the_length_of_a_closed_file_is_that_of_its_footer(place, indexed):
+    last = ("DATA", f.cluster((0, 100, 4, f.KNOT_DATA)))
+    data = bytearray(
+        f.closed(
+            ("HEAD", f.head()), f.TRACK_0, f.DATA_0, last, duration_ns=104_000_000, indexed=indexed
+        )
+    )
+    data[data.index(b"DATA", data.index(b"DATA") + 4) - 4 + place] ^= 1
+    for scan in (False, True):
+        with Reader(bytes(data), scan=scan) as reader:
+            assert reader.duration == Fraction(104, 1000)
 
 
 def test_the_picture_counts_the_channels_that_verify_names():

@@ -246,7 +246,7 @@ class Extras:
         if chunk.header.payload_size > self.catalogue.level.payload_size:
             return False
         safe = chunk.header.type[3].islower()
-        whole = all(finding.code in HARMLESS for finding in self.catalogue.findings)
+        whole = not self.catalogue.harmed
         return chunk.header.critical or safe or whole
 
 

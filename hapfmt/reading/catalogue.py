@@ -239,8 +239,13 @@ class Catalogue:
         return LEVELS[self.head.level] if self.head else LEVELS[2]
 
     @property
+    def harmed(self) -> bool:
+        """Whether bytes are lost or break a rule."""
+        return any(finding.code not in HARMLESS for finding in self.findings)
+
+    @property
     def damaged(self) -> bool:
-        return self.tolerant or any(finding.code not in HARMLESS for finding in self.findings)
+        return self.tolerant or self.harmed
 
     @property
     def closed(self) -> bool:
@@ -286,9 +291,9 @@ class Catalogue:
 
     @property
     def duration(self) -> Fraction:
-        """Seconds to the end of the last packet, to the nanosecond above."""
-        unknown = self.indexed or any(chunk.stop_ns is None for chunk in self.data)
-        if unknown and self.foot:
+        """Seconds to the end of the last packet, to the nanosecond above; as the footer says where
+        there may be packets that are not known."""
+        if self.foot and (self.indexed or self.harmed):
             return Fraction(self.foot.duration_ns, 10**9)
         stop = max((chunk.stop_ns or 0 for chunk in self.data), default=0)
         return min(max(Fraction(stop, 10**9), self.last_found), Fraction(NS_LIMIT, 10**9))

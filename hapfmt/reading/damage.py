@@ -282,7 +282,7 @@ class DamageReport:
         if lossy & numbers:
             count = len(lossy & numbers)
             return f"{count} of {counted(len(numbers), 'channel')} lost samples to damage"
-        damaged = any(finding.code not in HARMLESS for finding in self.catalogue.findings)
+        damaged = self.catalogue.harmed
         return f"damaged, {self.nothing_known()}" if damaged else ""
 
     def nothing_known(self) -> str:

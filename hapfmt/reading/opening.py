@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import islice
 
-from ..errors import HARMLESS, FormatError, HapfmtError, UnsupportedError
+from ..errors import FormatError, HapfmtError, UnsupportedError
 from ..format.extras import (
     FIRST_OFFSET,
     INDEX_EVERY,
@@ -306,7 +306,7 @@ def from_walk(
         return walked(source, limits, identify(source), tolerant=tolerant)
     try:
         found = walked(source, limits, first.file_id, tolerant=tolerant)
-        if all(finding.code in HARMLESS for finding in found.findings):
+        if not found.harmed:
             return found
         chosen = identify(source)
     except HapfmtError:

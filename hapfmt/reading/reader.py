@@ -14,7 +14,6 @@ from typing import Any, BinaryIO
 
 from ..clocks import ClockMap, ClockObservation, on_channels
 from ..errors import (
-    HARMLESS,
     DataWarning,
     FormatError,
     ParameterError,
@@ -79,7 +78,7 @@ def stored_digests(catalogue: Catalogue) -> dict[int, tuple[int, bytes]]:
     found: dict[int, tuple[int, bytes]] = {}
     # In a damaged file the description of a track may be lost; a recoverer of an undamaged one
     # reports a digest of no track, since it leaves it out.
-    harmed = any(finding.code not in HARMLESS for finding in catalogue.findings)
+    harmed = catalogue.harmed
     for ref in catalogue.chunks:
         chunk = read_chunk(catalogue.source, ref.offset) if ref.type == "dGST" else None
         if chunk is None or not chunk.intact:
