@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
+import subprocess
 from pathlib import Path
 
 import forge as f
@@ -14,6 +16,7 @@ from edited import described
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from judge import samples
+from suite import PROGRAMS
 from test_walk import damaged
 
 import hapfmt
@@ -368,6 +371,23 @@ def test_without_a_head():
     assert verify(good).verdict == "intact"
     assert samples(good) == samples(data)
     assert hapfmt.Reader(good).catalogue.level.number == 2
+
+
+def test_with_a_head_of_another_time(tmp_path):
+    """UUID, epoch, encoder and level stay; a later minor version and TLVs without a meaning here do not."""
+    known = f.tlv(2, bytes(range(16))), f.epoch(5, 6), f.tlv(6, b"other 2")
+    data = f.closed(
+        ("HEAD", f.head(b"".join(known) + f.tlv(98, b"?"), minor=3, level=2)), f.TRACK_0, f.DATA_0
+    )
+    (tmp_path / "in.hapf").write_bytes(data)
+    files = [recovered(data)[0]]
+    if shutil.which("node"):
+        out = tmp_path / "out.hapf"
+        words = ["recover", tmp_path / "in.hapf", out, tmp_path / "report.json"]
+        subprocess.run([*PROGRAMS["JavaScript"], *words], check=True)
+        files.append(out.read_bytes())
+    for file in files:
+        assert dict(chunks(file))["HEAD"] == f.head(b"".join(known), level=2)
 
 
 def test_what_is_no_file_is_refused(tmp_path):

@@ -71,7 +71,7 @@ export function encodeJob(job, read) {
   if (tracks.length > TRACK_BOUND) refuse('too many tracks');
 
   const writer = new Writer(job.file_id ?? randomId());
-  writer.write('HEAD', headPayload({ minor: 0, level: limits.level, uuid: null, tlvs: [] }));
+  writer.write('HEAD', headPayload({ level: limits.level }));
   for (const { payload } of payloadsOf(tracks.map(recordOf), limits.payloadBound)) writer.write('TRAK', payload);
   if (job.metadata) writer.write('mETa', new TextEncoder().encode(writeJson(job.metadata)));
 

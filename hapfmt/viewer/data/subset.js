@@ -18,8 +18,6 @@ import { readWhole } from './bywalk.js';
 import { openSource } from './sources.js';
 import { secondsAt, tickAt } from './ticks.js';
 
-const HEAD_TLVS = new Set([2, 4, 6]);
-
 const refuse = (requirement, message, offset = null) => {
   throw new HapfError('unsupported', requirement, message, offset);
 };
@@ -36,7 +34,7 @@ export function subsetOf(bytes, { channels, t0 = null, t1 = null, name, fileId =
   const writer = new Writer(fileId);
   const notes = [];
   const kept = [...plan.places.values()];
-  writer.write('HEAD', headOf(file));
+  writer.write('HEAD', headPayload(file.head));
   const records = kept.map(({ id, track, record }) => ({ id, componentCount: track.componentCount, record }));
   const described = payloadsOf(records, file.limits.payloadBound);
   for (const { payload } of described) writer.write('TRAK', payload);
@@ -99,11 +97,6 @@ function lay(file, asked) {
 function window(file, t0, t1) {
   if (t0 === null || t1 === null) return null;
   return new Map([...file.allTracks.values()].map((track) => [track.id, [tickAt(track, t0), tickAt(track, t1)]]));
-}
-
-function headOf({ head }) {
-  const tlvs = [...head.tlvs.values()].filter(({ type }) => HEAD_TLVS.has(type));
-  return headPayload({ minor: 0, level: head.level, uuid: head.uuid, tlvs });
 }
 
 // Its member `notes` tells what happened (11.3).

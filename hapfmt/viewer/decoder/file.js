@@ -77,7 +77,7 @@ function read(file) {
   const { damages, ...rest } = delivered;
   Object.assign(file, rest);
   file.damages.push(...damages);
-  checkTrackCount(file);
+  noteLostBases(file);
 
   const last = file.chunks[file.chunks.length - 1];
   file.closed = Boolean(last && last.type === 'fOOT' && last.intact);
@@ -137,7 +137,7 @@ function readUnknown(file, limits) {
   }
 }
 
-function checkTrackCount(file) {
+function noteLostBases(file) {
   for (const track of file.lostBases) {
     if (!file.damaged && !file.recovering) continue;
     file.damages.push({
@@ -225,8 +225,9 @@ function readIndexes(file, noteIt) {
         lastIndex = chunk;
       } else if (chunk.type === 'fOOT') {
         const foot = readFoot(bytes, chunk);
-        if (chunk === last && file.closed) file.durationNs = foot.durationNs;
-        const duration = chunk !== last || !file.closed ? null : durationNs(held, allTracks);
+        const closing = chunk === last && file.closed;
+        if (closing) file.durationNs = foot.durationNs;
+        const duration = closing ? durationNs(held, allTracks) : null;
         for (const fault of checkFoot(foot, lastIndex, duration)) noteIt(fault, chunk, true);
       }
     } catch (error) {

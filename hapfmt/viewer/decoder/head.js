@@ -76,11 +76,12 @@ function fill(head) {
   }
 }
 
-// The payload of a HEAD; tlvs: { type, value }. In another file the UUID does not follow from the file id any more.
-export function headPayload({ minor, level, uuid, tlvs }) {
-  const payload = [1, minor, level];
-  const own = [...tlvs].filter(({ type }) => type !== UUID);
-  if (uuid) own.push({ type: UUID, value: uuid });
-  for (const { type, value } of own.sort((a, b) => a.type - b.type)) putTlv(payload, type, value);
+// The payload of HEAD in another file, where the UUID does not follow from the file id any more.
+export function headPayload({ level, uuid = null, tlvs = new Map() }) {
+  const payload = [1, 0, level];
+  if (uuid) putTlv(payload, UUID, uuid);
+  for (const type of [EPOCH, ENCODER]) {
+    if (tlvs.has(type)) putTlv(payload, type, tlvs.get(type).value);
+  }
   return Uint8Array.from(payload);
 }

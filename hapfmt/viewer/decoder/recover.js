@@ -11,7 +11,6 @@ import { verifyFile } from './verify.js';
 import { Writer } from './writer.js';
 
 const NOTES = 40;
-const HEAD_TLVS = new Set([2, 4, 6]);
 
 // -> { bytes, report, verdict }; bytes is null where nothing is written (clause 13).
 export function recoverFile(bytes, { fileId } = {}) {
@@ -19,7 +18,8 @@ export function recoverFile(bytes, { fileId } = {}) {
   if (file.refused) return { bytes: null, report: reportOf(file), verdict: file.verdict };
   const { descriptions, kept } = descriptionsOf(file);
   const writer = new Writer(fileId ?? randomId());
-  writer.write('HEAD', headOf(file));
+  // HEAD keeps UUID, epoch, encoder and level; the file id is a new one.
+  writer.write('HEAD', headPayload(file.head ?? { level: 2 }));
   for (const { payload } of descriptions) writer.write('TRAK', payload);
 
   const packets = file.packets.filter((packet) => kept.has(packet.track) && !packet.broken);
@@ -52,15 +52,6 @@ export function recoverFile(bytes, { fileId } = {}) {
   if (verdict === 'damaged') writer.write('mETa', notesPayload(file, dropped));
   writer.writeFoot(durationNs(packets, file.allTracks));
   return { bytes: writer.bytes(), report: reportOf(file, verdict), verdict };
-}
-
-// HEAD keeps UUID, epoch and level; the file id is a new one.
-function headOf(file) {
-  const { head, headChunk } = file;
-  if (!headChunk) return headPayload({ minor: 0, level: 2, uuid: null, tlvs: [] });
-  const harmed = file.notes.some((note) => note.chunk === headChunk);
-  const tlvs = [...head.tlvs.values()].filter(({ type }) => !harmed || HEAD_TLVS.has(type));
-  return headPayload({ minor: head.minor, level: head.level, uuid: head.uuid, tlvs });
 }
 
 // The packets of one cluster, in as many chunks as the limits of the level call for.
