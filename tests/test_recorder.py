@@ -712,7 +712,8 @@ def test_append_at_the_end_and_at_the_wall_clock(tmp_path):
 
 def test_metadata_that_changes_is_written_at_the_end(tmp_path):
     path = tmp_path / "meta.hapf"
-    with Recorder(path, [counts_input()], metadata={"a": 1, "notes": ["mine"]}) as recorder:
+    before = {"a": 1, "encoder": "of the recording before", "notes": ["mine"]}
+    with Recorder(path, [counts_input()], metadata=before) as recorder:
         with hapfmt.Reader(path) as reader:
             assert reader.metadata["a"] == 1
         recorder.metadata["b"] = [2]

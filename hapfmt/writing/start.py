@@ -411,6 +411,8 @@ class Start:
         check_inputs(inputs, self.settings)
         epoch_ns = time.time_ns() if options.epoch_ns == "now" else options.epoch_ns
         known = Recording(epoch_ns=epoch_ns, epoch_uncertainty_ns=options.epoch_uncertainty_ns)
+        # Its own encoder is in HEAD.
+        self.metadata.pop("encoder", None)
         build_metadata(self.metadata)
         clock: Callable[[], float] = time.monotonic
         if options.canonical is not None:
