@@ -37,7 +37,7 @@ from ..format.extras import (
     parse_index,
 )
 from ..format.layout import FOOT
-from ..format.track import Contract, lone_lf, unsupported_track
+from ..format.track import Contract, lone_lf, missing_channels, unsupported_track
 from ..format.walk import read_chunk
 from ..format.wire import HEADER_SIZE
 from ..limits import TICK_LIMIT, Limits
@@ -496,8 +496,7 @@ def check_structure(catalogue: Catalogue) -> None:
     bare = [t for t in catalogue.tracks.values() if t.kind == "lf" and t.id not in bases]
     if bare:
         raise lone_lf(bare[0])
-    numbers = [channel.number for channel in catalogue.channels]
-    if numbers != list(range(len(numbers))):
+    if missing_channels(catalogue.tracks.values()):
         raise FormatError("a channel number is missing", requirement="TRK-010", offset=at)
 
 
