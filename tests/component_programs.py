@@ -125,7 +125,7 @@ def section_of(coder, section):
     if kind == "lengths":
         coder.section()
         table = Lengths(section["first"], bytes(section["weights"]))
-        return [coder.by_length(table, signs=True) for _ in values]
+        return [coder.by_length(table) for _ in values]
     if kind.startswith("by bits"):
         return list(coder.by_bits(len(values), signs=kind == "by bits"))
     signs = kind == "class"

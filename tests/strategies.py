@@ -270,7 +270,7 @@ def knot_rows(draw, index_limit=INDEX_LIMIT, interpolation=None):
 
 @st.composite
 def quiet_rows(draw):
-    """Indices that seldom change, and then by little; now and then by much."""
+    """Indices that mostly repeat, with a few changes of 300 at most."""
     generator = np.random.default_rng(draw(st.integers(0, 2**32)))
     size, step = draw(st.integers(2, 300)), draw(st.sampled_from([1, 2, 9, 300]))
     moves = generator.integers(-step, step + 1, size)

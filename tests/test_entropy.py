@@ -186,10 +186,10 @@ class TestSections:
     @given(rows)
     def test_lengths_come_back(self, row):
         lengths, coder = Lengths.of(row), Encoder()
-        entropy.put_by_length(coder, row, lengths, signs=True)
+        entropy.put_by_length(coder, row, lengths)
         decoder = Decoder(coder.finish(), 0, 1)
         decoder.section()
-        assert [decoder.by_length(lengths, signs=True) for _ in row] == row
+        assert [decoder.by_length(lengths) for _ in row] == row
         decoder.finish()
 
     def test_what_has_no_code(self):

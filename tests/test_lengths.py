@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +12,9 @@ from hypothesis import strategies as st
 import hapfmt
 from hapfmt.codecs.predicted import INDEX_LIMIT
 from hapfmt.encoder.encode import encode
+from hapfmt.encoder.lengths import Load, PacketLengths
 from hapfmt.encoder.predict import SHORTEST_CUT, best_cuts, fitting_packets
+from hapfmt.encoder.source import cut
 from hapfmt.recording import Channel, Recording, Span
 
 
@@ -70,6 +74,38 @@ def test_any_counts_can_be_cut(values, size):
     starts = best_cuts(np.resize(np.repeat(values, 700), size))
     assert starts[0] == 0
     assert all(b - a >= SHORTEST_CUT for a, b in zip(starts, [*starts[1:], size], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("span", "packets"),
+    [
+        (Span(0, 1039), [Span(0, 519), Span(519, 1039)]),
+        (Span(518, 1038), [Span(518, 1038)]),
+        (Span(518, 1039), [Span(518, 1039)]),
+        (Span(0, 1059), [Span(0, 519), Span(519, 1038), Span(1038, 1059)]),
+    ],
+)
+def test_few_ticks_join_their_neighbours(span, packets):
+    assert cut([span], Fraction(1000), Fraction(519, 1000), 1) == packets
+
+
+def test_a_late_recording_is_cut_as_it_is_at_tick_0():
+    x = np.cumsum(np.random.default_rng(1).integers(-9, 10, 2056)).astype(np.int32)
+    late = Channel(x, 60, coverage=(Span(2054, 2054 + x.size),))
+    assert [packet.span for packet in encode(Recording((late,))).packets] == [x.size]
+
+
+def test_lengths_follow_tracks_that_become_one():
+    loads = [Load(100.0 * n, 1000, 40.0 + n) for n in range(1, 9)]
+    joint = Load.of(loads[2:5])
+    given_ = PacketLengths(
+        Fraction(1), Fraction(9), Load.of(loads), sum(load.root for load in loads), 40.0
+    )
+    changed = given_.changed(loads[2:5], [joint])
+    tracks = [*loads[:2], joint, *loads[5:]]
+    assert changed.root == pytest.approx(sum(load.root for load in tracks))
+    assert changed.whole.size == pytest.approx(given_.whole.size)
+    assert changed.root > given_.root
 
 
 def test_a_file_with_packets_of_many_lengths_is_read_back():

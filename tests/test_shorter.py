@@ -10,7 +10,7 @@ import pytest
 import hapfmt
 from hapfmt.codecs.exact import FOUR_STATES, RECALL, split_packet
 from hapfmt.encoder.encode import encode
-from hapfmt.encoder.lengths import PRICE, SHARES
+from hapfmt.encoder.lengths import LARGE_PRICE, PRICE, SHARES
 from hapfmt.recording import Calibration, Channel, Recording
 
 RATE = 1000
@@ -52,25 +52,28 @@ def whole(recording):
 
 
 @pytest.mark.parametrize(
-    "recording",
+    ("recording", "price"),
     [
-        counts([noise(1), noise(2)]),
-        doubles([np.random.default_rng(seed).normal(size=20_000) for seed in (3, 4)]),
+        (counts([noise(1), noise(2)]), PRICE),
+        (
+            doubles([np.random.default_rng(seed).normal(size=20_000) for seed in (3, 4)]),
+            LARGE_PRICE,
+        ),
     ],
     ids=["counts", "doubles"],
 )
-def test_a_packet_holds_few_samples_where_that_is_cheap(recording):
+def test_a_packet_holds_few_samples_where_that_is_cheap(recording, price):
     encoded = encode(recording)
     assert max(packet.span for packet in encoded.packets) * SHARES <= 5 * recording.sample_count
     # The index lists more clusters, where there are more.
-    assert len(held(recording)) < (1 + 1 / PRICE) * whole(recording) + 100
+    assert len(held(recording)) < (1 + price) * whole(recording) + 100
 
 
 def test_what_would_cost_too_much_stays_whole():
     slow = np.rint(300 * np.sin(np.arange(3000) / 90)).astype(np.int32)
     recording = counts([slow])
     assert len(encode(recording).packets) == 1
-    assert len(held(recording)) < (1 + 1 / PRICE) * whole(recording) + 20
+    assert len(held(recording)) < (1 + PRICE) * whole(recording) + 20
 
 
 def test_tracks_of_several_channels():

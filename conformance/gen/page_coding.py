@@ -261,16 +261,15 @@ def code_by_bits(coder, count, signs, integers=None, kept=None):
     return out
 
 
-def code_lengths(coder, count, table, signs, integers=None):
+def code_lengths(coder, count, table, integers=None):
     """A section of integers by length; ``table``: (first, weights)."""
     coder.section()
     return [
-        code_length(coder, table, signs, None if integers is None else integers[i])
-        for i in range(count)
+        code_length(coder, table, None if integers is None else integers[i]) for i in range(count)
     ]
 
 
-def code_length(coder, table, signs, e=None):
+def code_length(coder, table, e=None):
     first, weights = table
     u = None if e is None else abs(e)
     length = first + coder.symbol(length_ends(weights), None if u is None else bits_of(u) - first)
@@ -278,7 +277,7 @@ def code_length(coder, table, signs, e=None):
     if length > 0:
         got = 2 ** (length - 1)
         got += coder.number(length - 1, None if u is None else u - got)
-        if signs and coder.number(1, None if e is None else int(e < 0)):
+        if coder.number(1, None if e is None else int(e < 0)):
             got = -got
     coder.check()
     return got

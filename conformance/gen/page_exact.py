@@ -108,7 +108,7 @@ def corrections(coder, counts, p, table, given=None):
     out = []
     for at, (count, rank) in enumerate(zip(counts, ranks, strict=True)):
         if rank is None:
-            c = code_length(coder, table, True, None if given is None else given[at])
+            c = code_length(coder, table, None if given is None else given[at])
         else:
             c = lists.get(count, [0])[rank]
         if p is not None:

@@ -529,8 +529,8 @@ MUTANTS = (
         Edit(
             "codecs.entropy:Decoder.by_length",
             "u = 1 << (length - 1) | self.raw(length - 1) if length else 0\n"
-            "    e = -u if signs and u and self.raw(1) else u",
-            "negative = signs and length and self.raw(1)\n"
+            "    e = -u if u and self.raw(1) else u",
+            "negative = length and self.raw(1)\n"
             "    u = 1 << (length - 1) | self.raw(length - 1) if length else 0\n"
             "    e = -u if negative else u",
         ),

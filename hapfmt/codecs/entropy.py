@@ -357,11 +357,11 @@ class Decoder:
     def too_large(self) -> FormatError:
         return FormatError("a magnitude of 2^34 or more", requirement="RNG-003", offset=self.place)
 
-    def by_length(self, lengths: Lengths, *, signs: bool) -> int:
+    def by_length(self, lengths: Lengths) -> int:
         """An integer of a section of lengths."""
         length = lengths.first + self.symbol(lengths.ends)
         u = 1 << (length - 1) | self.raw(length - 1) if length else 0
-        e = -u if signs and u and self.raw(1) else u
+        e = -u if u and self.raw(1) else u
         self.check()
         return e
 
@@ -508,14 +508,13 @@ def split_integers(numbers: Sequence[int], start: int) -> tuple[list[tuple[int, 
     return found, shifts
 
 
-def put_by_length(coder: Encoder, numbers: Sequence[int], lengths: Lengths, *, signs: bool) -> None:
+def put_by_length(coder: Encoder, numbers: Sequence[int], lengths: Lengths) -> None:
     """A section of lengths."""
     coder.section(share_of(lengths.ends, abs(e).bit_length() - lengths.first) for e in numbers)
     for e in numbers:
         if e:
             coder.raw(abs(e), abs(e).bit_length() - 1)
-            if signs:
-                coder.raw(int(e < 0), 1)
+            coder.raw(int(e < 0), 1)
 
 
 def class_cost(numbers: Sequence[int]) -> int:

@@ -570,7 +570,7 @@ def encode_loop(corrections: Counts, ids: NDArray[np.int32] | None, shift: int) 
     if ids is not None:
         coder.section(share_of(bit_ends(rows[context][i]), bit) for context, i, bit in marks)
     lengths = Lengths.of(full)
-    put_by_length(coder, full, lengths, signs=True)
+    put_by_length(coder, full, lengths)
     heading = Heading(() if ids is None else tuple(rows), lengths)
     flags = RECALL * (ids is not None) | FOUR_STATES * coder.many
     return bytes([flags, shift]) + heading.build() + coder.finish()
@@ -594,12 +594,12 @@ def decode_loop(rest: bytes, ids: NDArray[np.int32] | None, span: int, offset: i
     coder.section()
     out = array("q")
     if ids is None or ranks is None:
-        out.extend(coder.by_length(heading.lengths, signs=True) for _ in range(span))
+        out.extend(coder.by_length(heading.lengths) for _ in range(span))
     else:
         lists = Lists(ids)
         for id_, rank in zip(ids.data, ranks, strict=True):
             known, _ = lists.meet(id_)
-            c = coder.by_length(heading.lengths, signs=True) if rank < 0 else known[rank]
+            c = coder.by_length(heading.lengths) if rank < 0 else known[rank]
             lists.learn(id_, c, rank)
             out.append(c)
     coder.finish()

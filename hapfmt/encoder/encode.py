@@ -210,10 +210,10 @@ class EncodeJob:
         for each in found:
             number = parts[each.target].first
             loads[number] = replace(loads[number], size=each.bits * loads[number].samples / 8)
-        places = groups_of(found, len(parts))
-        apart = [*loads[: parts[0].first], *loads[parts[-1].stop :]]
-        tracks = [Load.of(loads[parts[place].first] for place in group) for group in places]
-        return replace(self, loads=loads, lengths=self.lengths.known([*apart, *tracks]))
+        before = self.loads[parts[0].first : parts[-1].stop]
+        groups = groups_of(found, len(parts))
+        after = [Load.of(loads[parts[place].first] for place in group) for group in groups]
+        return replace(self, loads=loads, lengths=self.lengths.changed(before, after))
 
     def spans(
         self, channels: Sequence[Channel], numbers: Sequence[int], components: int

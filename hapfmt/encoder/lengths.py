@@ -157,11 +157,11 @@ class PacketLengths:
     """Seconds of the longest packet."""
 
     whole: Load = Load()
+    root: float = 0.0
+    """The sum over all tracks."""
+
     shares: float = 0.0
     """The samples over those that one changed byte takes. 0: packets are as long as a cluster."""
-
-    density: float = 0.0
-    """Packets of a track, for each root of its load over its cost."""
 
     @classmethod
     def of(cls, recording: Recording, settings: Settings, loads: Sequence[Load]) -> PacketLengths:
@@ -172,7 +172,7 @@ class PacketLengths:
         price = LARGE_PRICE if whole.size >= LARGE else PRICE
         most = price * whole.size**2 * whole.samples / root**2
         guessed = settings.references and sum(load.guessed for load in loads) > 1
-        tried = [min(most, n) for n in TRIED if n >= GUESSED or not guessed]
+        tried = sorted({min(most, n) for n in TRIED if n >= GUESSED or not guessed})
         some = [channel for channel in recording.channels if channel.coverage]
         begin = min(channel.coverage[0].start / channel.rate_exact for channel in some)
         end = max(channel.coverage[-1].stop / channel.rate_exact for channel in some)
@@ -182,10 +182,9 @@ class PacketLengths:
         if count > 1 and end - begin < ENOUGH * longest:
             ticks = ceil((end - begin) * fastest / count)
             cluster = min(longest, Fraction(max(ticks, SHORTEST)) / fastest)
-        found = cls(cluster, longest, whole)
         for shares in tried:
-            found = replace(found, shares=shares).known(loads)
-            if found.loss(recording.channels, loads) * SHARES <= 1:
+            found = cls(cluster, longest, whole, root, shares)
+            if shares == tried[-1] or found.loss(recording.channels, loads) * SHARES <= 1:
                 break
         return found
 
@@ -202,12 +201,13 @@ class PacketLengths:
             lost += load.size * min(ticks, load.samples)
         return lost / (self.whole.size * self.whole.samples)
 
-    def known(self, tracks: Sequence[Load]) -> PacketLengths:
-        """The same, where these are all tracks."""
-        whole, root = Load.of(tracks), sum(load.root for load in tracks)
-        if not self.shares or not root:
-            return self
-        return replace(self, whole=whole, density=self.shares * root / (whole.size * whole.samples))
+    def changed(self, before: Sequence[Load], after: Sequence[Load]) -> PacketLengths:
+        """The same, where some tracks take the place of others with the same samples."""
+        size, root = self.whole.size, self.root
+        for sign, tracks in ((-1, before), (1, after)):
+            size += sign * sum(load.size for load in tracks)
+            root += sign * sum(load.root for load in tracks)
+        return replace(self, whole=replace(self.whole, size=size), root=root)
 
     def seconds(self, channels: Sequence[Channel], loads: Sequence[Load]) -> Fraction:
         """How long the packets of a track with these channels are."""
@@ -218,10 +218,12 @@ class PacketLengths:
         least = 0.0
         if load.size > SEEN * self.whole.size:
             least = WORST * min(self.shares / SHARES, 1) * load.samples / self.whole.samples
-        parts = max(self.density * sqrt(load.size * load.samples) / sqrt(load.cost), least, 1.0)
+        density = self.shares * self.root / (self.whole.size * self.whole.samples)
+        parts = max(density * load.root / load.cost, least, 1.0)
         lasts, most = Fraction(ticks) / rate, max(ticks / SHORTEST, 1.0)
         if lasts <= self.cluster:
-            return lasts / round(min(parts, most)) if parts < most else self.cluster
+            pieces = round(min(parts, most))
+            return lasts / pieces if pieces > 1 else self.cluster
         clusters = float(lasts / self.cluster)
         ways = [Fraction(n) for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
         ways += [Fraction(1, n) for n in range(2, ceil(parts / clusters) + 2)]

@@ -30,6 +30,10 @@ make it an end of the range."""
 PACKET_SAMPLES = 1 << 16
 """Longer packets are cut: eight bytes each then still fit a payload of level 1."""
 
+FEW = 32
+"""Packets that this many of make a whole one join their neighbours: a packet of a tick takes about
+40 bytes, and one that is a 32nd longer keeps what damage may take (tools/faults.py --law)."""
+
 
 @dataclass(frozen=True)
 class InputBlock:
@@ -87,15 +91,19 @@ def side_by_side(channels: Sequence[Channel]) -> NDArray[Any]:
 
 
 def cut(coverage: Sequence[Span], rate: Fraction, cluster: Fraction, components: int) -> list[Span]:
-    """Coverage cut where clusters begin, and where a packet would grow too long."""
+    """Coverage cut where clusters begin, and where a packet would grow too long. Either end joins
+    its neighbour where it is much shorter than a cluster."""
     longest = max(PACKET_SAMPLES // components, 1)
     n, d = (cluster * rate).as_integer_ratio()
+    few = n // (FEW * d)
     out = []
     for span in coverage:
         at = span.start
         while at < span.stop:
-            number = at * d // n + 1
-            stop = min(span.stop, -(-number * n // d), at + longest)
+            number = (at + few) * d // n + 1
+            stop = min(-(-number * n // d), at + longest)
+            if span.stop - stop <= few and span.stop - at <= longest:
+                stop = span.stop
             out.append(Span(at, stop))
             at = stop
     return out

@@ -145,7 +145,7 @@ static inline int64_t take_lengths(const uint8_t *in, int64_t size, length_table
     return 2 + t->count;
 }
 
-static inline int get_length(decoder *d, const length_table *t, int lane, int signs, int64_t *out)
+static inline int get_length(decoder *d, const length_table *t, int lane, int64_t *out)
 {
     int length = t->first + get_symbol(d, lane, t->shares, t->count);
     uint64_t size = 0;
@@ -154,19 +154,19 @@ static inline int get_length(decoder *d, const length_table *t, int lane, int si
         int low = length - 1 < 32 ? length - 1 : 32;
         size = get_raw(d, low);
         size |= get_raw(d, length - 1 - low) << low | (uint64_t)1 << (length - 1);
-        *out = signs == RAW_SIGNS && get_raw(d, 1) ? -(int64_t)size : (int64_t)size;
+        *out = get_raw(d, 1) ? -(int64_t)size : (int64_t)size;
     }
     return overrun(d) ? BAD_END : DONE;
 }
 
-static inline void put_length(encoder *e, int64_t number, int signs, int codes)
+static inline void put_length(encoder *e, int64_t number, int codes)
 {
     uint64_t u = (uint64_t)(number < 0 ? -number : number);
     int length = bit_length(u);
     note(e, codes + length);
     if (!length) return;
     put_raw(e, u, length - 1);
-    if (signs == RAW_SIGNS) put_raw(e, number < 0, 1);
+    put_raw(e, number < 0, 1);
 }
 
 /* The table of lengths that were counted, into a packet and as shares. */

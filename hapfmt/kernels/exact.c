@@ -133,7 +133,7 @@ static int decode_corrections(uint8_t *in, int64_t size, const int32_t *ids, int
             out[t] = m.values[*link - 1];
             to_front(&m, ids[t], link);
         } else {
-            status = get_length(&d, &h.lengths, lane, RAW_SIGNS, out + t);
+            status = get_length(&d, &h.lengths, lane, out + t);
             lane = (lane + 1) & (d.lanes - 1);
             if (ids) remember(&m, ids[t], out[t]);
         }
@@ -215,7 +215,7 @@ static int encode_corrections(uint8_t *out, int64_t size, const int32_t *ids, co
         for (int64_t i = 0; i < full; i++) {
             int length = bit_length((uint64_t)(rest[i] < 0 ? -rest[i] : rest[i]));
             counts[LENGTH_CODES + length]++;
-            put_length(&e, rest[i], RAW_SIGNS, LENGTH_CODES);
+            put_length(&e, rest[i], LENGTH_CODES);
         }
         words = malloc((size_t)(2 * (e.noted + 8)));
         if (!words) status = NO_MEMORY;

@@ -83,7 +83,7 @@ def code(coder: Coder, section: dict, *, told: bool) -> list[int]:
         return coding.code_signs(coder, [abs(e) for e in values], section["p"], given)
     if kind == "lengths":
         table = section["first"], section["weights"]
-        return coding.code_lengths(coder, count, table, True, given)
+        return coding.code_lengths(coder, count, table, given)
     if kind.startswith("by bits"):
         return coding.code_by_bits(coder, count, kind == "by bits", given)
     signed = kind == "class"

@@ -107,7 +107,7 @@ HEADS = [
      told(b"\x88\0\1a"), KEPT),
     ("head-tlvs-unordered", "TLV-001", "The epoch is before the UUID.",
      told(f.epoch(0, 0) + f.tlv(2, bytes(16))), KEPT),
-    ("head-tlv-twice", "TLV-001", "The program is told twice.",
+    ("head-tlv-twice", "TLV-001", "HEAD names the encoder twice.",
      told(f.tlv(6, b"one") + f.tlv(6, b"two")), KEPT),
     ("head-tlv-type-65536", "TLV-001", "A TLV of HEAD has the type 65536.",
      told(f.tlv(65536, b"")), KEPT),

@@ -1,4 +1,4 @@
-"""Metadata, attachments, digests, and chunks that nobody knows (SPEC 5.2, 11.3 to 11.5)."""
+"""Metadata, attachments, digests, and chunks of unknown types (SPEC 5.2, 11.3 to 11.5)."""
 
 from __future__ import annotations
 

@@ -346,15 +346,20 @@ def entry(chunk: Sequence[Any], at: int, times: tuple[int, int]) -> tuple[str, i
 class Growing:
     """A file chunk by chunk, with indexes and footers of any kind."""
 
-    def __init__(self) -> None:
+    def __init__(self, *chunks: tuple[Any, ...]) -> None:
         self.data, self.sequence = f.SIGNATURE, 0
         self.rows: list[tuple[str, int, int, int]] = []
         self.indexes: list[int] = []
+        for chunk in chunks:
+            self.add(*chunk)
 
     def add(self, *chunk: Any, times: tuple[int, int] = (0, 0)) -> None:
         self.rows.append(entry(chunk, len(self.data), times))
         self.data += f.chunk(*chunk, self.sequence)
         self.sequence += 1
+
+    def packet(self, packet: Packet) -> None:
+        self.add(*data(packet), times=(packet.start, packet.stop))
 
     def index(self, previous: int = 0) -> None:
         """Of all chunks from there on."""
@@ -375,25 +380,19 @@ def data(packet: Packet) -> tuple[str, bytes]:
 def indexes() -> Iterator[Case]:
     packets = [piece(0, 1), piece(4, 2), piece(8, 3)]
     track = Track(packets=packets)
-    chain = Growing()
-    for chunk in (HEAD, track.chunk):
-        chain.add(*chunk)
-    chain.add(*data(packets[0]), times=(0, 4))
-    chain.index()
-    for packet in packets[1:]:
-        chain.add(*data(packet), times=(packet.start, packet.stop))
-        chain.index(chain.indexes[-1])
+    chain = Growing(HEAD, track.chunk)
+    for packet in packets:
+        chain.packet(packet)
+        chain.index(*chain.indexes[-1:])
     chain.foot(nanoseconds(12, (1000, 1)))
     yield valid(
         "index-chain", "Three indexes, each of what came since the one before.",
         ["IDX-002", "FOT-002"],
         track, data=chain.data,
     )  # fmt: skip
-    again = Growing()
-    for chunk in (HEAD, track.chunk):
-        again.add(*chunk)
+    again = Growing(HEAD, track.chunk)
     for packet in packets:
-        again.add(*data(packet), times=(packet.start, packet.stop))
+        again.packet(packet)
         again.index()
     again.foot(nanoseconds(12, (1000, 1)))
     yield uncommon(
@@ -401,11 +400,9 @@ def indexes() -> Iterator[Case]:
         ["IDX-002"],
         track, data=again.data,
     )  # fmt: skip
-    grown = Growing()
-    for chunk in (HEAD, track.chunk):
-        grown.add(*chunk)
+    grown = Growing(HEAD, track.chunk)
     for packet in packets:
-        grown.add(*data(packet), times=(packet.start, packet.stop))
+        grown.packet(packet)
         grown.add("dGST", f.digests(digest(track, packets[: packets.index(packet) + 1])))
         grown.index(*grown.indexes[-1:])
         grown.foot(nanoseconds(packet.stop, (1000, 1)))
@@ -414,22 +411,18 @@ def indexes() -> Iterator[Case]:
         ["FOT-002", "DGS-002", "DGS-003", "FIL-003"],
         track, data=grown.data,
     )  # fmt: skip
-    bare = Growing()
-    for chunk in (HEAD, track.chunk):
-        bare.add(*chunk)
+    bare = Growing(HEAD, track.chunk)
     for packet in packets:
-        bare.add(*data(packet), times=(packet.start, packet.stop))
+        bare.packet(packet)
         bare.foot(nanoseconds(packet.stop, (1000, 1)))
     yield uncommon(
         "appended-without-index", "Three times closed, each time without an index.",
         ["FOT-002", "FIL-003"],
         track, data=bare.data,
     )  # fmt: skip
-    later = Growing()
-    for chunk in (HEAD, track.chunk):
-        later.add(*chunk)
+    later = Growing(HEAD, track.chunk)
     for packet in packets:
-        later.add(*data(packet), times=(packet.start, packet.stop))
+        later.packet(packet)
         if packet is packets[1]:
             later.index()
         later.foot(nanoseconds(packet.stop, (1000, 1)))
@@ -440,10 +433,9 @@ def indexes() -> Iterator[Case]:
         track, data=later.data,
     )  # fmt: skip
     more = Track(id=1, channel=1, packets=[piece(0, -4, 6)])
-    joined = Growing()
+    joined = Growing(HEAD)
     for each in (track, more):
-        for chunk in (HEAD, each.chunk) if each is track else (each.chunk,):
-            joined.add(*chunk)
+        joined.add(*each.chunk)
         rows = [(each.id, p.start, p.span, p.body) for p in each.packets]
         joined.add("DATA", f.cluster(*rows), times=(0, each.packets[-1].stop))
         joined.index(*joined.indexes[-1:])
