@@ -156,6 +156,22 @@ class TestChains:
         """
         assert rule(two_indexes(first=first)) == ("nonconforming", "IDX-002")
 
+    def test_a_chunk_between_two_is_left_out(self):
+        """Its samples come by reading in order."""
+        out = f.file(HEAD, f.TRACK_0, f.DATA_0)
+        rows = [("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, 10**9)]
+        first = len(out)
+        out += f.chunk("iNDX", f.index(rows), 3)
+        out += f.chunk("DATA", f.cluster((0, 4, 4, f.KNOT_DATA)), 4)
+        listed = len(out)
+        out += f.chunk("DATA", f.cluster((0, 8, 4, f.KNOT_DATA)), 5)
+        last = len(out)
+        rows = [("iNDX", first, 0, 0), ("DATA", listed, 0, 10**9)]
+        out += f.chunk("iNDX", f.index(rows, previous=first, first=4), 6)
+        out += f.chunk("fOOT", f.foot(len(out) - last, 12_000_000), 7)
+        assert rule(out) == ("nonconforming", "IDX-002")
+        assert not open_catalogue(BytesSource(out)).indexed
+
     def test_previous_is_no_index(self):
         third = 8 + f.HEADER + len(f.head()) + f.HEADER + len(f.TRACK_0[1])
         data = f.minimal(
