@@ -210,7 +210,7 @@ class TestListing:
 
 class TestAHint:
     """
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ, or where the sequence number of an index is not that after its last entry.
     """
 
     @pytest.mark.parametrize("back", range(1, 70, 5))
@@ -331,7 +331,7 @@ def long_file() -> bytes:
 
 class TestWriter:
     """
-    IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before the `fOOT` of a file that passes 64 KiB or 16 chunks. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`.
+    IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next one, pass 4 MiB. It writes one before the `fOOT` of a file that passes 64 KiB or 16 chunks. A live writer also writes one every 10 seconds. Where nothing is new it writes none, except before `fOOT`.
     """
 
     def test_an_index_in_4_mib(self, long_file):
@@ -500,7 +500,7 @@ class TestNotClosed:
 
 class TestLazily:
     """
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ, or where the sequence number of an index is not that after its last entry.
     """
 
     def closed(self) -> bytes:
