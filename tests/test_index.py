@@ -129,6 +129,21 @@ def two_indexes(**changes) -> bytes:
     return out + f.chunk("fOOT", f.foot(len(out) - last_index, 8_000_000), 6)
 
 
+def left_out() -> bytes:
+    """HEAD, TRAK, DATA, index; DATA in no index, DATA, index, footer."""
+    out = f.file(HEAD, f.TRACK_0, f.DATA_0)
+    first = len(out)
+    rows = [("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, 10**9)]
+    out += f.chunk("iNDX", f.index(rows), 3)
+    out += f.chunk("DATA", f.cluster((0, 4, 4, f.KNOT_DATA)), 4)
+    listed = len(out)
+    out += f.chunk("DATA", f.cluster((0, 8, 4, f.KNOT_DATA)), 5)
+    last = len(out)
+    rows = [("iNDX", first, 0, 0), ("DATA", listed, 0, 10**9)]
+    out += f.chunk("iNDX", f.index(rows, previous=first, first=4), 6)
+    return out + f.chunk("fOOT", f.foot(len(out) - last, 12_000_000), 7)
+
+
 class TestChains:
     """
     IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it. For a `DATA` chunk `start_ms` is at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
@@ -158,19 +173,9 @@ class TestChains:
 
     def test_a_chunk_between_two_is_left_out(self):
         """Its samples come by reading in order."""
-        out = f.file(HEAD, f.TRACK_0, f.DATA_0)
-        rows = [("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, 10**9)]
-        first = len(out)
-        out += f.chunk("iNDX", f.index(rows), 3)
-        out += f.chunk("DATA", f.cluster((0, 4, 4, f.KNOT_DATA)), 4)
-        listed = len(out)
-        out += f.chunk("DATA", f.cluster((0, 8, 4, f.KNOT_DATA)), 5)
-        last = len(out)
-        rows = [("iNDX", first, 0, 0), ("DATA", listed, 0, 10**9)]
-        out += f.chunk("iNDX", f.index(rows, previous=first, first=4), 6)
-        out += f.chunk("fOOT", f.foot(len(out) - last, 12_000_000), 7)
-        assert rule(out) == ("nonconforming", "IDX-002")
-        assert not open_catalogue(BytesSource(out)).indexed
+        data = left_out()
+        assert rule(data) == ("nonconforming", "IDX-002")
+        assert not open_catalogue(BytesSource(data)).indexed
 
     def test_previous_is_no_index(self):
         third = 8 + f.HEADER + len(f.head()) + f.HEADER + len(f.TRACK_0[1])
