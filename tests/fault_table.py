@@ -229,6 +229,7 @@ def opened(data: bytes) -> Callable[[], Any]:
 
 
 HEAD, TRACK, DATA = ("HEAD", f.head()), f.TRACK_0, f.DATA_0
+FIRST_INDEX = f.index((("HEAD", 8, 0, 0),))
 NESTED = ("iNDX", f.chunk("iNDX", f.index((("HEAD", 43, 0, 0),), previous=43), 1))
 TRACK_AT = 8 + f.HEADER + len(f.head())
 DATA_AT = TRACK_AT + f.HEADER + len(TRACK[1])
@@ -442,6 +443,9 @@ FAULTS = [
     Fault("IDX-002", 8, "no index there", lambda: index_entries(BytesSource(f.file(HEAD)), 8, 7)),
     Fault("IDX-002", TRACK_AT, "an index that leaves out a chunk",
           lambda: index_entries(BytesSource(f.file(HEAD, ("iNDX", f.index(())))), TRACK_AT, 7)),
+    Fault("IDX-002", TRACK_AT + f.HEADER + len(FIRST_INDEX), "not with another first",
+          lambda: index_entries(BytesSource(f.file(HEAD, ("iNDX", FIRST_INDEX), ("iNDX", f.index(
+              (), previous=TRACK_AT, first=2)))), TRACK_AT + f.HEADER + len(FIRST_INDEX), 7)),
     Fault("IDX-002", TRACK_AT, "an index within another",
           lambda: index_entries(BytesSource(f.file(HEAD, NESTED)), TRACK_AT + f.HEADER, 7)),
     Fault("IDX-005", 8 + f.HEADER + len(f.head()) + 3 * (f.HEADER + 2**20), "no index in 4 MiB",

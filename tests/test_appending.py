@@ -234,7 +234,7 @@ class TestAgainAndAgain:
 
 
 def test_a_live_writer_lists_every_ten_seconds(tmp_path: Path):
-    """IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before the `fOOT` of a file that passes 64 KiB or 16 chunks. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`."""
+    """IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next one, pass 4 MiB. It writes one before the `fOOT` of a file that passes 64 KiB or 16 chunks. A live writer also writes one every 10 seconds. Where nothing is new it writes none, except before `fOOT`."""
     now = [100.0]
     path = tmp_path / "a"
     with create_live(path) as file:

@@ -207,7 +207,7 @@ class TestFile:
 
     def test_an_index_that_names_another_chunk(self):
         """
-        IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
+        IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ, or where the sequence number of an index is not that after its last entry.
         """
         chunks = [("HEAD", f.head()), f.TRACK_0, f.DATA_0, ("mETa", b"{}"), ("cLOk", f.clock(SEEN))]
         rows, at = [], 8

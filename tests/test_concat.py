@@ -230,6 +230,13 @@ def test_maps_of_clocks_hold_for_their_own_file_only() -> None:
     assert len(chunks_of(alone, "cMAp")) == 1
 
 
+def test_the_note_names_each_recording_once() -> None:
+    parts, other = split_up(made("paper vectors"), at=[1]), made("paper vectors", 1, uuid=None)
+    for files, told in [(parts, f"2 files of {UUID}"), ([parts[0], other], f"{UUID}")]:
+        whole, _ = concat(files)
+        assert hapfmt.read(whole).metadata["notes"][-1].startswith(f"concatenated from {told} (")
+
+
 def test_a_concatenation_can_be_cut_and_concatenated_again() -> None:
     files = [made("paper step", 0), made("paper step", 1, **OTHER)]
     joined, _ = concat(files)

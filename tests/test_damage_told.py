@@ -242,6 +242,9 @@ def test_the_picture_counts_the_channels_that_verify_names():
         named = {label for part in report.parts() for label in part.labels if part.start < 6.5}
         assert 0 < len(named) < 7
         assert report.headline() == f"{len(named)} of 7 channels lost samples to damage"
+        assert repr(report) == "\n  ".join([f"Damage: {report.headline()}", *report.lines()])
+    with Reader(data) as reader:
+        assert repr(reader.damage()) == "Damage: none"
 
 
 def test_a_lost_stretch_is_named(files):

@@ -193,6 +193,10 @@ class TestChunks:
             "xyZZ chunk left out: unknown, and unsafe to copy",
         ]
 
+    def test_channels_of_one_track(self) -> None:
+        _, edited = subset(made("paper vectors"), ["fy"])
+        assert edited.notes[0] == "also copied, as tracks are kept whole: fx, fz"
+
     def test_before_and_behind_the_packets(self) -> None:
         data = forge.closed(
             ("HEAD", forge.head()), forge.TRACK_0, ("aaaa", b"1"), forge.DATA_0, ("bbbb", b"2")
@@ -548,7 +552,7 @@ def test_clusters_stay_as_they_were() -> None:
 
 
 def test_an_index_that_points_elsewhere() -> None:
-    """IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ."""
+    """IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ, or where the sequence number of an index is not that after its last entry."""
     payload = struct.pack("<QQI", 8, 0, 3) + b"HEAD\x00TRAK\x23DATA\x30\x00\x04"
     chunks = [("HEAD", forge.head()), forge.TRACK_0, forge.DATA_0]
     body = forge.file(*chunks, ("iNDX", payload))

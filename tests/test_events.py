@@ -86,6 +86,15 @@ class TestLayer:
         assert (first.components[0].device, first.provenance) == ("button", "by hand")
         assert (second.id, second.components) == (2, first.components)
 
+    def test_an_unknown_ancillary_tlv_of_a_low_type(self):
+        """Clause 8 has no TLV 0; it has the reserved TLV 20."""
+        for type_, told in [(0, ("intact", None)), (20, ("nonconforming", "TRK-019"))]:
+            tlvs = b"".join(sorted([NAMED, f.tlv(type_, b"?")]))
+            data = f.closed(
+                HEAD, f.TRACK_0, ("TRAK", f.layer(tlvs, track_count=1, first=1)), f.DATA_0
+            )
+            assert rule(data) == told
+
     def test_no_channel_is_its_own(self):
         assert [ref.number for ref in Reader(MARKS).channels] == [0]
         low = ("TRAK", f.layer())

@@ -129,6 +129,21 @@ def two_indexes(**changes) -> bytes:
     return out + f.chunk("fOOT", f.foot(len(out) - last_index, 8_000_000), 6)
 
 
+def left_out() -> bytes:
+    """HEAD, TRAK, DATA, index; DATA in no index, DATA, index, footer."""
+    out = f.file(HEAD, f.TRACK_0, f.DATA_0)
+    first = len(out)
+    rows = [("HEAD", 8, 0, 0), ("TRAK", TRACK_AT, 0, 0), ("DATA", DATA_AT, 0, 10**9)]
+    out += f.chunk("iNDX", f.index(rows), 3)
+    out += f.chunk("DATA", f.cluster((0, 4, 4, f.KNOT_DATA)), 4)
+    listed = len(out)
+    out += f.chunk("DATA", f.cluster((0, 8, 4, f.KNOT_DATA)), 5)
+    last = len(out)
+    rows = [("iNDX", first, 0, 0), ("DATA", listed, 0, 10**9)]
+    out += f.chunk("iNDX", f.index(rows, previous=first, first=4), 6)
+    return out + f.chunk("fOOT", f.foot(len(out) - last, 12_000_000), 7)
+
+
 class TestChains:
     """
     IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it. For a `DATA` chunk `start_ms` is at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
@@ -155,6 +170,12 @@ class TestChains:
         IDX-002: The entries MUST fill the payload, and list every chunk before the index: from the `iNDX` chunk at `previous` on, or from the first chunk where `previous` is 0. `first_sequence` is the sequence number of the first; the others have the numbers after it. For a `DATA` chunk `start_ms` is at most the start of its earliest packet, and `start_ms + length_ms` at least the end of its latest. Times of 2^53 and more are set to 2^53 - 1.
         """
         assert rule(two_indexes(first=first)) == ("nonconforming", "IDX-002")
+
+    def test_a_chunk_between_two_is_left_out(self):
+        """Its samples come by reading in order."""
+        data = left_out()
+        assert rule(data) == ("nonconforming", "IDX-002")
+        assert not open_catalogue(BytesSource(data)).indexed
 
     def test_previous_is_no_index(self):
         third = 8 + f.HEADER + len(f.head()) + f.HEADER + len(f.TRACK_0[1])
@@ -194,7 +215,7 @@ class TestListing:
 
 class TestAHint:
     """
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ, or where the sequence number of an index is not that after its last entry.
     """
 
     @pytest.mark.parametrize("back", range(1, 70, 5))
@@ -315,7 +336,7 @@ def long_file() -> bytes:
 
 class TestWriter:
     """
-    IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before the `fOOT` of a file that passes 64 KiB or 16 chunks. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`.
+    IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next one, pass 4 MiB. It writes one before the `fOOT` of a file that passes 64 KiB or 16 chunks. A live writer also writes one every 10 seconds. Where nothing is new it writes none, except before `fOOT`.
     """
 
     def test_an_index_in_4_mib(self, long_file):
@@ -484,7 +505,7 @@ class TestNotClosed:
 
 class TestLazily:
     """
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ, or where the sequence number of an index is not that after its last entry.
     """
 
     def closed(self) -> bytes:

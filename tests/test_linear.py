@@ -138,7 +138,7 @@ def written(*columns, **options):
     hapfmt.write(recording, out, **options)
     back = hapfmt.read(out.getvalue())
     for x, channel in zip(columns, back.channels, strict=True):
-        assert channel.samples().tobytes() == x.tobytes()
+        assert channel.samples().tobytes() == x.astype(np.float64).tobytes()
     assert hapfmt.verify(out.getvalue(), against=recording).verdict == "intact"
     return len(out.getvalue())
 
@@ -174,6 +174,13 @@ def test_channels_between_stay_what_they_are():
     states = np.repeat([0.0, 1.0], 2000)
     size = written(NOISE, states, sensor(), filtered(sensor()), NOISE[::-1].copy())
     assert size < 2 * written(NOISE) + written(sensor()) + 7000
+
+
+def test_channels_of_integers_may_lie_between():
+    """As a constant channel of doubles does that was read from a file and is written again."""
+    counts = np.zeros(4000, np.int32)
+    size = written(NOISE, counts, filtered(NOISE), np.arange(4000, dtype=np.int32))
+    assert size < written(NOISE) + 8000
 
 
 @pytest.mark.parametrize("ends", [(-30, 30), (50, 70), (-500, 500), (900, 1000)])

@@ -270,7 +270,7 @@ class TestRules:
 
 class TestFalseIndexes:
     """
-    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ.
+    IDX-003: A reader MUST check an entry against the header that it points to before it uses it. It reads the file in order where they differ, or where the sequence number of an index is not that after its last entry.
     """
 
     CHUNKS = (

@@ -252,6 +252,12 @@ class TestContracts:
         with pytest.raises(hapfmt.ParameterError):
             verify(f.minimal(), against=Recording((slow,)))
 
+    def test_the_name_of_a_file(self):
+        with pytest.raises(
+            hapfmt.ParameterError, match=r"as hapfmt.read gives it, not 'touch.npz'"
+        ):
+            verify(f.minimal(), against="touch.npz")
+
 
 @given(strategies.recordings(), st.data())
 def test_usage_adds_up(recording, data):

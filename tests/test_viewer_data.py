@@ -24,6 +24,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from server import serving
 from spec import ROOT
+from test_index import left_out
 
 import hapfmt
 from hapfmt.cli.info import channel_row
@@ -549,6 +550,13 @@ def test_a_file_that_was_not_closed(viewer: Viewer, clusters: Path, folder: Path
     path.write_bytes(data[: len(data) * 3 // 4])
     facts = viewer.open(path, "blob")
     assert not facts["closed"] and facts["verdict"] == "damaged"
+    check_samples(viewer, path)
+
+
+def test_an_index_that_leaves_out_a_chunk(viewer: Viewer, folder: Path) -> None:
+    path = folder / "left-out.hapf"
+    path.write_bytes(left_out())
+    viewer.open(path, "blob")
     check_samples(viewer, path)
 
 

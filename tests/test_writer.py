@@ -59,7 +59,7 @@ def test_file_ids_are_random_outside_canonical_mode():
 
 
 def test_an_index_in_every_four_mebibytes():
-    """IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next chunk, pass 4 MiB; and one before the `fOOT` of a file that passes 64 KiB or 16 chunks. A live writer also writes one every 10 seconds. None is written where nothing is new, but before `fOOT`."""
+    """IDX-005: A writer MUST write an index before the chunks that no index lists, together with the next one, pass 4 MiB. It writes one before the `fOOT` of a file that passes 64 KiB or 16 chunks. A live writer also writes one every 10 seconds. Where nothing is new it writes none, except before `fOOT`."""
     stream = io.BytesIO()
     hapfmt.write(words(1_250_000), stream, Settings(cluster=Fraction(20)))
     data = stream.getvalue()

@@ -418,7 +418,9 @@ def concat(
         head = originals[0].head
         if times != "same" or not one_recording(originals):
             head = another(head, Fraction(0))
-        text = f"concatenated from {', '.join(map(dated, originals))}"
+        named = list(dict.fromkeys(map(dated, originals)))
+        several = f"{len(originals)} files of " * (len(named) < len(originals))
+        text = f"concatenated from {several}{', '.join(named)}"
         encoder, members = described_by(originals)
         metadata = with_note(members, text)
         tracks = list(joining.tracks.values())

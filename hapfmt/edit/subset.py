@@ -153,8 +153,8 @@ def choose(
         listed = ", ".join(map(str, sorted(whole)))
         notes.append(f"channels {listed} have no LF track and are copied whole")
     if along:
-        listed = ", ".join(map(str, sorted(along)))
-        notes.append(f"channels {listed} come along: they are coded in one track with others")
+        listed = ", ".join(original.labels[n] or str(n) for n in sorted(along))
+        notes.append(f"also copied, as tracks are kept whole: {listed}")
     if band != "full":
         left = asked - {n for t in kept.values() if has_channels(t) for n in t.channels}
         if left:

@@ -507,11 +507,16 @@ def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUn
     """The parts, those in one track that hold doubles which are linear in each other."""
     for run in runs_of_doubles(parts, job):
         channels = [job.originals[part.first] for part in run]
+        doubles = [has_doubles(part, job) for part in run]
         costly = [
-            8 * part.unit.size > COSTLY * channel.stored.size
-            for part, channel in zip(run, channels, strict=True)
+            double and 8 * part.unit.size > COSTLY * channel.stored.size
+            for part, channel, double in zip(run, channels, doubles, strict=True)
         ]
-        columns = [channel.stored for channel in channels]
+        # From what is constant no channel follows.
+        columns = [
+            channel.stored if double else np.zeros(channel.stored.size)
+            for channel, double in zip(channels, doubles, strict=True)
+        ]
         found = find_relations(columns, costly) if len(run) > 1 and any(costly) else []
         at = 0
         for start, stop in stretches(found):
@@ -567,32 +572,42 @@ def related(
     return [PlacedUnit(joint, numbers[0], members, numbers=numbers)]
 
 
-def runs_of_doubles(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[list[PlacedUnit]]:
-    """All parts in their order; those side by side that one track of doubles might hold."""
-    run: list[PlacedUnit] = []
-    for part in parts:
-        channel = job.originals[part.first]
-        fits = (
-            len(part.members) == 1
-            and part.members[0].promise.lossless
-            and channel.stored.dtype == np.float64
-            and bool(np.isfinite(channel.stored).all())
-            # Words of which one is larger than those of a binary grid may not; others do not come
-            # near the largest double, where sums overflow.
-            and (
-                part.unit.base.track.number_format == "counts"
-                or float(np.abs(channel.stored).max(initial=0.0)) <= EXACT_LIMIT
-            )
+def has_doubles(part: PlacedUnit, job: EncodeJob) -> bool:
+    """Whether these are the doubles of one channel, such as a track of several may hold."""
+    channel = job.originals[part.first]
+    return (
+        channel.stored.dtype == np.float64
+        and bool(np.isfinite(channel.stored).all())
+        # Words of which one is larger than those of a binary grid may not; others do not come
+        # near the largest double, where sums overflow.
+        and (
+            part.unit.base.track.number_format == "counts"
+            or float(np.abs(channel.stored).max(initial=0.0)) <= EXACT_LIMIT
         )
+    )
+
+
+def runs_of_doubles(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[list[PlacedUnit]]:
+    """All parts in their order; those with the same ticks side by side, as long as a track may hold
+    their doubles. Channels of other numbers may lie among these."""
+    run: list[PlacedUnit] = []
+    count = 0
+    for part in parts:
+        fits = len(part.members) == 1 and part.members[0].promise.lossless
+        double = fits and has_doubles(part, job)
+        channel = job.originals[part.first]
         if run and not (
-            fits and len(run) < RUN_LIMIT and same_ticks(job.originals[run[0].first], channel)
+            fits
+            and count + double <= RUN_LIMIT
+            and same_ticks(job.originals[run[0].first], channel)
         ):
             yield run
-            run = []
+            run, count = [], 0
         run.append(part)
+        count += double
         if not fits:
             yield run
-            run = []
+            run, count = [], 0
     if run:
         yield run
 

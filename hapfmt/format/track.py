@@ -827,7 +827,7 @@ def check_events(track: Track, tlvs: Tlvs, offset: int) -> None:
             requirement="TRK-019",
             offset=offset,
         )
-    beside = [type_ for type_ in tlvs if type_ <= PROVENANCE and type_ not in OF_EVENTS]
+    beside = [type_ for type_ in tlvs if type_ in KNOWN | {WEIGHTS} and type_ not in OF_EVENTS]
     if beside:
         raise FormatError(
             f"TLV {beside[0]} in a layer of events", requirement="TRK-019", offset=offset

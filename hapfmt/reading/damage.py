@@ -221,6 +221,10 @@ class DamageReport:
     numbers: Collection[int] | None = None
     partial: bool = False
 
+    def __repr__(self) -> str:
+        """What the command line prints."""
+        return "\n  ".join([f"Damage: {self.headline() or 'none'}", *self.lines()])
+
     def as_json(self) -> dict[str, Any]:
         """The JSON object of docs/spec/recovery.md."""
         catalogue = self.catalogue

@@ -56,6 +56,12 @@ def index_chain(
             )
         if parts and chunk.stop > position_after:
             raise FormatError("indexes overlap", requirement="IDX-002", offset=position)
+        if parts and chunk.header.sequence != parts[-1][1].first_sequence:
+            raise FormatError(
+                "the index does not begin with the one before",
+                requirement="IDX-002",
+                offset=position_after,
+            )
         listed += entry_count(chunk.payload)
         limits.check("records", listed)
         index = parse_index(chunk.payload, position, chunk.payload_offset)

@@ -407,6 +407,8 @@ def verify(
     ``against`` is the original recording. ``threads``, ``file_id``: as for a Reader. Damage is in
     the report. Raises only OSError, and ParameterError if ``against`` does not belong to the file.
     """
+    if not isinstance(against, Recording | None):
+        raise ParameterError(f"against is a recording, as hapfmt.read gives it, not {against!r}")
     report = Report()
     try:
         reader = Reader(file, limits=limits, threads=threads, file_id=file_id)

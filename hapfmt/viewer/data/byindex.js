@@ -78,7 +78,7 @@ async function readChain(source, indexOffset, footChunk) {
     const header = readHeader(await source.read(offset, offset + HEADER_SIZE), 0);
     need(header && offset + HEADER_SIZE + header.payloadSize <= stop);
     const end = offset + HEADER_SIZE + header.payloadSize;
-    need(parts.length || (end === stop && header.sequence + 1 === sequence));
+    need(parts.length ? header.sequence === sequence : end === stop && header.sequence + 1 === sequence);
     const bytes = await source.read(offset, end);
     const index = readIndex(bytes, chunkOf(bytes, 'iNDX', footChunk.fileId));
     const { entries, firstSequence, previous } = index;
@@ -95,6 +95,7 @@ async function readChain(source, indexOffset, footChunk) {
     if (previous === 0) break;
     need(previous < offset && entries[0].offset === previous && entries[0].type === 'iNDX');
     stop = offset;
+    sequence = firstSequence;
     offset = previous;
   }
   return parts.reverse().flat();
