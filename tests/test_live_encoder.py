@@ -24,7 +24,7 @@ from hapfmt.limits import LAST_TRACK_ID, LEVELS, TICK_LIMIT
 from hapfmt.reading.decoder import TrackDecoder
 from hapfmt.writing.filewriter import FileWriter
 
-ARCHIVE, FAST = Settings("lossless"), Settings(fast=True)
+ARCHIVE, FAST = Settings("lossless"), Settings(effort="fast")
 COUNTS = Input("torque", 1000, unit="N.m", calibration=Calibration(1, 0, 1000))
 FLOATS = Input("force", 1000, unit="N")
 

@@ -177,7 +177,7 @@ def clusters(folder: Path) -> Path:
     counts = np.round(waves(120_000, 1000, 8) * 100).astype(np.int32)
     step = hapfmt.Calibration(1, 0, 100)
     inputs = [hapfmt.Input(f"joint {c}", 1000, "deg", calibration=step) for c in range(8)]
-    with hapfmt.Recorder(path, inputs, hapfmt.Settings(fast=True), cluster=1) as recorder:
+    with hapfmt.Recorder(path, inputs, hapfmt.Settings(effort="fast"), cluster=1) as recorder:
         recorder.write_rows(counts.T)
     return path
 

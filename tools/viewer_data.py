@@ -31,7 +31,7 @@ def make(folder: Path, seconds: float) -> dict[str, Path]:
     hapfmt.write(recording, paths["overview"], fast=True, overview=True)
     inputs = [hapfmt.Input(one.label, 1000, "deg", calibration=STEP) for one in recording]
     rows = np.column_stack([one.stored for one in recording])
-    settings = hapfmt.Settings(fast=True)
+    settings = hapfmt.Settings(effort="fast")
     with hapfmt.Recorder(paths["recorded"], inputs, settings, cluster=1, fsync="close") as recorder:
         for at in range(0, len(rows), 10_000):
             recorder.write_rows(rows[at : at + 10_000])

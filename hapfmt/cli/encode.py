@@ -398,11 +398,11 @@ _PRESET_OPTIONS = (
         "same signal-to-noise ratio.",
     ),
     click.option(
-        "--fast",
-        is_flag=True,
-        default=None,
-        help="lossless: integer channels encode up to nine times as fast, files are larger.",
+        "--effort",
+        type=click.Choice(("fast", "default", "best")),
+        help="How much is searched for the smallest file [default].",
     ),
+    click.option("--fast", is_flag=True, default=None, help="--effort fast, in one word."),
     click.option(
         "--force-error",
         is_flag=True,

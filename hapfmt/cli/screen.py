@@ -56,14 +56,14 @@ IN_OPTIONS = {
         f"{name}{verb}": f"--{name.replace('vectors', 'vector')}{verb}"
         for name in (
             "k", "floor", "felt", "quality", "snr", "bitrate", "weighting", "bits", "step",
-            "interpolation", "tolerance", "vectors",
+            "interpolation", "tolerance", "vectors", "effort",
         )
         for verb in (" requires ", " would do nothing", " does nothing")
     },
     "max_error": "--max-error", "force_error=True": "--force-error", "st_sim": "--st-sim",
     "texture=False": "--no-texture", "synthetic_texture=True": "--synthetic-texture",
     "texture_codec": "--texture-codec", "cutoff_hz": "--cutoff",
-    "references=False": "--no-references", "fast=True": "--fast",
+    "references=False": "--no-references", "fast=True": "--fast", "effort='": "--effort '",
     "add unit='N' or felt='all'": "add --unit N or --felt all",
     "channels is floor": "channels is --floor",
     "; use force=True to ": "; use --force to ",
@@ -468,7 +468,7 @@ GROUPS = {
     "Quality": (
         *("--preset", "--quality", "--max-error", "--force-error", "--k", "--floor", "--felt"),
         *("--no-texture", "--snr", "--st-sim", "--bitrate", "--synthetic-texture", "--bits"),
-        *("--step", "--fast"),
+        *("--step", "--effort", "--fast"),
     ),
     OTHER: (),
     "What is read": (

@@ -308,7 +308,7 @@ class Encoding:
         for first, stop in pairwise([*heads, count]):
             rows = prepared[first:stop]
             own = list(encode_parts(self.job, first, rows, lambda done: progress(done, count)))
-            related = settings.references and not settings.fast
+            related = settings.references and settings.searches.relations
             self.parts += with_relations(own, self.job) if related else own
 
     @property

@@ -482,7 +482,7 @@ def packet_alone(unit: Unit, grid: LpcParameters, span: Span, indices: Indices) 
 def step_of(members: Sequence[Channel], promise: Promise, settings: Settings) -> int | None:
     """The step of the grid that a channel alone is put on; None where it is to stay alone."""
     channel = members[0]
-    if not settings.references or settings.fast:
+    if not (settings.references and settings.searches.references):
         return None
     if promise.k or promise.texture is not None or promise.paper:
         return None

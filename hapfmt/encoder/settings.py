@@ -27,6 +27,7 @@ from ..recording import Calibration, Recording
 from ..split import LF_CUTOFF_HZ
 from ..units import conversion, to_ucum
 from ..version import __version__
+from .effort import EFFORTS, Effort, EffortName
 
 # ASCII digits only: \d would take every digit of Unicode. Four digits of exponent are more than
 # float64 can use, and keep the text of the exponent short.
@@ -314,8 +315,9 @@ class Settings:
     references
         channels that resemble each other may share a track, each predicted from those before it.
         Then a lost packet affects all of them, and reading one decodes all.
-    fast
-        lossless: search less for predictors; files are a few percent larger.
+    effort
+        "fast", "default" or "best": how much is searched for the smallest form. ``fast=True`` is
+        an older word for "fast".
     smallest
         keep the lossless form of a channel where it is smaller. False keeps the lossy form, for
         measurements of a method.
@@ -335,7 +337,7 @@ class Settings:
     force_error: bool = False
     vectors: Literal["possible", "required"] = "possible"
     references: bool = True
-    fast: bool = False
+    effort: EffortName = "default"
     felt: tuple[str, ...] | None = None
     texture: bool = True
     smallest: bool = True
@@ -361,6 +363,8 @@ class Settings:
             raise ParameterError(
                 f"a preset is one of {', '.join(PRESETS)}, not {self.preset!r}{hint}"
             )
+        if self.effort not in EFFORTS:
+            raise ParameterError(f"the effort is one of {', '.join(EFFORTS)}, not {self.effort!r}")
         for name in USED_BY:
             if getattr(self, name) != _DEFAULTS[name]:
                 refuse_unused(self.preset, name)
@@ -448,16 +452,27 @@ class Settings:
         if preset in ALIASES:
             warnings.warn(alias_note(preset), DeprecationWarning, stacklevel=2)
         preset, chosen = renamed(preset, given)
+        if chosen.pop("fast", False) and chosen.setdefault("effort", "fast") != "fast":
+            raise ParameterError(f"give fast=True or effort={chosen['effort']!r}, not both")
         for option, value in chosen.items():
             if value != _DEFAULTS.get(option) or not isinstance(value, (bool, str)):
                 refuse_unused(preset, option)
-        if chosen.get("fast") and chosen.get("references"):
-            raise ParameterError("fast=True looks for no references: leave references out")
+        if chosen.get("effort") == "fast" and chosen.get("references"):
+            raise ParameterError("effort='fast' looks for no references: leave references out")
         return cls(preset, **chosen)  # type: ignore[arg-type]
 
     def departures(self, names: Sequence[str]) -> list[str]:
         """Those of the fields ``names`` that are not at their default."""
         return [name for name in names if getattr(self, name) != _DEFAULTS[name]]
+
+    @property
+    def searches(self) -> Effort:
+        """What the effort searches."""
+        return EFFORTS[self.effort]
+
+    @property
+    def fast(self) -> bool:
+        return self.effort == "fast"
 
     @property
     def allows_any_error(self) -> bool:
@@ -502,7 +517,6 @@ class Settings:
             "--no-texture": not self.texture,
             "--synthetic-texture": self.synthetic_texture,
             "--no-references": not self.references,
-            "--fast": self.fast,
         }
         return " ".join([self.preset, *departs, *(flag for flag, on in flags.items() if on)])
 
@@ -546,6 +560,7 @@ OPTIONS = {
     "cluster": "cluster",
     "tolerance": "tolerance",
     "interpolation": "interpolation",
+    "effort": "effort",
 }
 
 USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
@@ -569,7 +584,7 @@ USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {
     "tolerance": ("tolerance", ("near-lossless", "perceptual", "paper")),
     "vectors": ("vectors", ("perceptual", "paper")),
     "references": ("references=False", ("lossless", "near-lossless", "perceptual")),
-    "fast": ("fast=True", ("lossless",)),
+    "effort": ("effort", ("lossless", "near-lossless", "perceptual")),
 }
 """Fields that not every preset uses: the option and those presets."""
 

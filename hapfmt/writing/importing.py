@@ -294,7 +294,7 @@ class ImportedChannel:
 
 
 def lossless(settings: Settings) -> Settings:
-    return Settings(cluster=settings.cluster, fast=settings.fast)
+    return Settings(cluster=settings.cluster, effort=settings.effort)
 
 
 def rounded_down(step: float) -> float:

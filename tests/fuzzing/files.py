@@ -160,7 +160,7 @@ def of_file() -> Iterable[bytes]:
         yield written(recording(), settings)
     alone = recording().channels
     for number in (0, 3, 4):
-        yield written(Recording(alone[number : number + 1]), Settings(fast=True))
+        yield written(Recording(alone[number : number + 1]), Settings(effort="fast"))
 
 
 FILES = [Target("file", file, of_file, mend_file, 1 << 12)]
