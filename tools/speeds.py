@@ -57,6 +57,9 @@ SLIDE_SECONDS = 53
 PRICED = 20_000
 """Samples a channel of the recordings that searches are measured on."""
 
+WARM = 500
+"""Samples a channel that are coded first."""
+
 STEPS = ("encode", "decode")
 GAIN, COST = 1.0, 10.0
 """Percent of size that a search must gain, or percent of time that it may cost."""
@@ -108,6 +111,7 @@ def write(recording: hapfmt.Recording, given: dict[str, Any]) -> bytes:
 
 
 def times_of(recording: hapfmt.Recording, repeats: int) -> Times:
+    write(shortened(recording, WARM), {})  # imports and first calls are no part of it
     out: Times = {}
     for name, given in PRESETS.items():
         with suppress(TypeError):  # an older commit has no efforts
@@ -176,7 +180,7 @@ def print_against(commit: str, arguments: Sequence[str], cases: Cases, repeats: 
             subprocess.run([sys.executable, "-m", "venv", str(tree / ".venv")], check=True)
             python = str(tree / ".venv/bin/python")
             install = [python, "-m", "pip", "install", "--quiet", "-e", f"{tree}[bench]"]
-            subprocess.run(install, check=True)
+            subprocess.run(install, check=True, stderr=subprocess.DEVNULL)
             command = ["--speed", "--json", "--repeats", str(repeats), *arguments]
             tool = str(ROOT / "tools/bench.py")
             done = subprocess.run(
@@ -341,6 +345,7 @@ def draw(cases: Cases, path: Path, repeats: int) -> None:
     """Size against encoding and decoding time, a row for each recording."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogFormatter
 
     figure = Figure(figsize=(9, 2.6 * len(cases)), layout="constrained", dpi=80)
     FigureCanvasAgg(figure)
@@ -355,11 +360,15 @@ def draw(cases: Cases, path: Path, repeats: int) -> None:
                 ours = family.startswith("hapfmt")
                 axis.plot(x, [point.bits for point in members], "os^vDP"[place] + "-" * (not ours),
                           color=f"C{place}", label=family, markersize=6 if ours else 4)  # fmt: skip
-                for point in members:
-                    if ours:
-                        axis.annotate(point.name, (getattr(point, which), point.bits), fontsize=7,
-                                      xytext=(4, 3), textcoords="offset points")  # fmt: skip
+                for number, point in enumerate(members) if ours else ():
+                    # Names of neighbours lie above and below.
+                    axis.annotate(point.name, (getattr(point, which), point.bits), fontsize=7,
+                                  xytext=(4, (3, -9, 11, -17)[number % 4]),
+                                  textcoords="offset points")  # fmt: skip
             axis.set_xscale("log")
+            for ticks in (axis.xaxis.set_major_formatter, axis.xaxis.set_minor_formatter):
+                ticks(LogFormatter(minor_thresholds=(1.5, 0.4)))
+            axis.tick_params(which="both", axis="x", labelsize=8)
             axis.grid(alpha=0.3)
         row[0].set_ylabel(f"{name}\nbits a sample")
     axes[-1][0].set_xlabel("encoding, ns of CPU time a sample")
