@@ -226,7 +226,7 @@ SETTINGS: dict[str, str | tuple[Channel, dict[str, Any], str]] = {
     "force_error": (FORCE, {"force_error": True}, "force_error=True would do nothing: give a max_error"),
     "vectors": (FORCE, {"texture": False, "vectors": "required"}, "vectors would do nothing: no neighbours share a group"),
     "references": ALLOWS,
-    "effort": (FORCE, {"preset": "paper", "fast": True}, "effort requires preset lossless or"),
+    "effort": (FORCE, {"preset": "paper", "effort": "fast"}, "effort requires preset lossless or"),
     "felt": (FORCE, {"felt": "x"}, "felt does nothing for 'x': its unit or quantity says that it is felt"),
     "texture": (VOLTS, {"texture": False}, f"texture=False would do nothing: {PYTHON_NOT_FELT}"),
     "smallest": ALLOWS,
