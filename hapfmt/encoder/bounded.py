@@ -22,7 +22,7 @@ from ..codecs.knots import KnotParameters, encode_knots
 from ..deadband import Deadband
 from ..format.track import Contract, Track
 from ..recording import Channel, Span
-from .effort import Effort
+from .effort import EFFORTS, Effort
 from .gridded import Indices, grid_within, levels_of, nearest_level, nearest_uniform, places
 from .knots import Coded, fill_below, plain_knots, select_knots
 from .plan import Promise, without_glitches
@@ -191,8 +191,7 @@ KNOT_WAYS = 3
 
 
 def encode_lossless(source: InputBlock, base: Track, effort: Effort | None = None) -> Unit:
-    code = partial(encode_best, effort=effort)
-    coded = code_grid(source, base, LpcParameters(), nearest_uniform, code=code)
+    coded = code_grid(source, base, LpcParameters(), nearest_uniform, effort=effort)
     assert coded
     return Unit(coded, None, "predicted", "lossless", exact=True)
 
@@ -269,7 +268,7 @@ def code_grid(
     to_indices: Callable[[Indices, LpcParameters], Indices],
     smallest: int | None = None,
     *,
-    code: Callable[[Indices], bytes] = encode_best,
+    effort: Effort | None = None,
 ) -> Coded | None:
     """None where it is sure not to be below ``smallest``."""
 
@@ -281,13 +280,15 @@ def code_grid(
     if smallest is not None and hopeless((indices for _, indices in pieces()), smallest):
         return None
     coded = Coded(replace(base, codec="LPCR", parameters=grid.build()))
+    effort = effort or EFFORTS["default"]
 
     def packets() -> Iterator[tuple[Span, bytes]]:
         for span, indices in pieces():
-            yield from fitting_packets(span, indices, partial(code_part, indices))
+            code = partial(code_part, indices)
+            yield from fitting_packets(span, indices, code, cuts=effort.cuts)
 
     def code_part(indices: Indices, part: slice) -> bytes:
-        return code(indices[part])
+        return encode_best(indices[part], effort)
 
     return fill_below(coded, packets(), smallest)
 
