@@ -63,7 +63,7 @@ INLINE void add_products(const double *now, int64_t n, int lags, double *sums)
 
 INLINE double size_of(double v) { return v < 0 ? -v : v; }
 
-/* Of magnitudes that are whole numbers. */
+/* The sum of magnitudes that are whole numbers. */
 INLINE double sum_of(const double *e, int64_t n)
 {
     double s[4] = {0};
