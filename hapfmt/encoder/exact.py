@@ -49,7 +49,7 @@ from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..numbers import build_varint, parse_varint
 from ..recording import Calibration, Channel, Span
 from .knots import Coded
-from .lattice import Lattice, LatticeSearch, Near
+from .lattice import Lattice, LatticeSearch, Near, nearest_within
 from .predict import encode_best, fitting_packets
 from .source import declared_range, make_track
 from .unit import Unit, decode_all
@@ -181,14 +181,14 @@ def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate
             return Candidate(
                 exact.calibration, exact.counts.astype(np.int64), ExactParameters(), exact.reason
             )
-    u = search.distinct
+    u = search.few
     rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *printed_rule(u)]
     decimals = decimals_of(u)
     found: list[tuple[float, Candidate]] = []
     lattices = {near.calibration: near for near in search.natural_lattices(exact)}
     for near in lattices.values():
         step = float(near.calibration.step)
-        how = f"step {step:.10g}, missed by {near.largest_deviation:.3g} at most"
+        how = f"step {step:.10g}"
         # Counts are sorted as u is.
         first = np.flatnonzero(np.diff(near.counts, prepend=near.counts[0] - 1))
         first = first[:: max(1, first.size // TRIALS)]
@@ -210,7 +210,9 @@ def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate
     if not found:
         return None
     best = min(found, key=lambda pair: pair[0])[1]
-    return replace(best, counts=best.counts[np.searchsorted(u, search.values)])
+    counts, largest, _ = nearest_within(search.values, best.calibration, inf)
+    how = f"{best.how}, missed by {largest:.3g} at most"
+    return replace(best, counts=counts.astype(np.int64), how=how)
 
 
 def cubic_rules(near: Near, u: Doubles, counts: Counts) -> Iterator[ExactParameters]:

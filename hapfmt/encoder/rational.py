@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from fractions import Fraction
-from math import floor, gcd, log2, nextafter
+from math import floor, frexp, gcd, lcm, ldexp, log2
 from typing import NamedTuple
 
 import numpy as np
@@ -234,10 +234,6 @@ PROBES = 64
 SMALL = 1 << 16
 """Denominators that are tried one by one, in a millisecond: those of sensors with up to 16 bits."""
 
-TRIES = 4
-"""The step that gives PROBES values is right for all, unless the values differ a lot in
-magnitude."""
-
 WITNESSES = 128
 """Exact bounds added per round of the search for A/D: one round costs about a millisecond."""
 
@@ -312,14 +308,26 @@ def decimal(u: NDArray[np.float64]) -> Ratio | None:
 
 
 def small_denominator(u: NDArray[np.float64]) -> Ratio | None:
-    """Exactly, over the smallest denominator, with any offset."""
-    d = np.arange(1.0, min(SMALL, EXACT_LIMIT / max(-u[0], u[-1])) + 1)
-    for probe in u[:: max(1, u.size // PROBES)].tolist():
-        d = d[np.rint(probe * d) / d == probe]
-    for denominator in d[:TRIES].astype(np.int64).tolist():
-        n = _over(u, denominator)
-        if n is not None:
-            return Ratio(n, denominator, "a common denominator")
+    """Exactly, over the smallest denominator, with any offset.
+
+    Every value has a simplest fraction. Another fraction with a small denominator can be the same
+    value only if it is an equal one, unless the value is large. So all of them share a multiple of
+    their denominators.
+    """
+    d, most = 1, min(SMALL, EXACT_LIMIT / max(-u[0], u[-1]))
+    probes = u[u.size // 2 :: max(1, u.size // PROBES)]
+    while d <= most:
+        missed = probes[np.rint(probes * d) / d != probes]
+        if not missed.size:
+            n = _over(u, d)
+            if n is not None:
+                return Ratio(n, d, "a common denominator")
+            missed = u[np.rint(u * d) / d != u]
+            if not missed.size:
+                return None
+        before, d = d, lcm(d, shortest_fraction(abs(float(missed[0]))).denominator)
+        if d == before:
+            return None
     return None
 
 
@@ -458,8 +466,8 @@ def place(ratio: Ratio, bits: int) -> CalibratedCounts | None:
 
 def shortest_fraction(value: float) -> Fraction:
     """The simplest fraction that rounds to ``value`` > 0 in float64."""
-    low, high, closed = _rounding_interval(value)
-    ratio = simplest_fraction(low, high, closed, closed)
+    low, high, q, closed = _rounding_interval(value)
+    ratio = simplest_fraction(Fraction(low, q), Fraction(high, q), closed, closed)
     assert ratio is not None  # the value itself lies inside
     return ratio
 
@@ -505,23 +513,25 @@ def _witnessed(u: NDArray[np.float64], indices: NDArray[np.int64]) -> Ratio | No
 
     A value that the simplest step so far does not give adds its own exact bounds.
     """
-    low, high = Fraction(0), Fraction(EXACT_LIMIT)
+    # Each bound is p / q. Comparing products takes a tenth of what fractions take.
+    low, high = (0, 1), (EXACT_LIMIT, 1)
     low_in = high_in = True
     witnesses = np.unique(np.linspace(0, u.size - 1, min(u.size, WITNESSES)).astype(np.int64))
     for _ in range(ROUNDS):
         for at in witnesses.tolist():
             if indices[at] == 0:
                 continue
-            times = abs(int(indices[at]))
-            least, most, closed = _rounding_interval(abs(float(u[at])))
-            least, most = least / times, most / times
-            if least >= low:
-                low_in = closed and (least > low or low_in)
-                low = least
-            if most <= high:
-                high_in = closed and (most < high or high_in)
-                high = most
-        step = simplest_fraction(low, high, low_in, high_in)
+            least, most, q, closed = _rounding_interval(abs(float(u[at])))
+            q *= abs(int(indices[at]))
+            away = least * low[1] - low[0] * q
+            if away >= 0:
+                low_in = closed and (away > 0 or low_in)
+                low = least, q
+            away = high[0] * q - most * high[1]
+            if away >= 0:
+                high_in = closed and (away > 0 or high_in)
+                high = most, q
+        step = simplest_fraction(Fraction(*low), Fraction(*high), low_in, high_in)
         ratio = None if step is None else _scaled(indices, step, "a common step")
         if ratio is None:
             return None  # steps only get less simple from here
@@ -556,10 +566,13 @@ def _over(u: NDArray[np.float64], denominator: int) -> NDArray[np.int64] | None:
     return numerators if np.array_equal(n / float(denominator), u) else None
 
 
-def _rounding_interval(value: float) -> tuple[Fraction, Fraction, bool]:
-    """The reals that round to ``value`` > 0 in float64, and whether the ends are among them."""
-    exact = Fraction(value)
-    low = (exact + Fraction(nextafter(value, 0.0))) / 2
-    high = (exact + Fraction(nextafter(value, float("inf")))) / 2
-    even = int(np.float64(value).view(np.int64)) % 2 == 0
-    return low, high, even
+def _rounding_interval(value: float) -> tuple[int, int, int, bool]:
+    """p, q, d: the reals from p / d to q / d round to ``value`` > 0 in float64; and whether the
+    ends do."""
+    fraction, exponent = frexp(value)
+    # Below a power of two doubles are twice as dense.
+    whole, shift = int(ldexp(fraction, 53)), 55 - exponent
+    p, q = 4 * whole - (1 if whole == 1 << 52 else 2), 4 * whole + 2
+    if shift < 0:
+        p, q, shift = p << -shift, q << -shift, 0
+    return p, q, 1 << shift, whole % 2 == 0
