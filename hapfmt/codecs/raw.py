@@ -111,7 +111,8 @@ def way_of(plane: bytes) -> tuple[int, int]:
 def repeats(column: NDArray[Any]) -> bool:
     """Whether most of some words occur twice: then long strings may repeat."""
     looked = column[:: -(-column.size // LOOKED_UP)]
-    return 2 * sum(np.count_nonzero(column == word) > 1 for word in looked) > looked.size
+    again = sum(int(np.count_nonzero(column == word) > 1) for word in looked)
+    return 2 * again > looked.size
 
 
 def decode_raw(

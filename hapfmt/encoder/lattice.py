@@ -467,7 +467,7 @@ def sparse(counts: NDArray[Any]) -> bool:
         return extent >= SPARSE
     seen = np.zeros(extent + 1, np.bool_)
     seen[np.subtract(counts, low, dtype=np.int64)] = True
-    return extent >= SPARSE * np.count_nonzero(seen)
+    return extent >= SPARSE * int(np.count_nonzero(seen))
 
 
 def _snap(

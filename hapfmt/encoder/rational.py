@@ -241,7 +241,7 @@ ROUNDS = 32
 """Each round leaves about 1 in WITNESSES of the values wrong, so that 5 do for 2**32 of them; the
 rest is for what is not evenly spread."""
 
-HALVINGS = 32
+HALVINGS = 16
 """How often the step's interval is halved. It is a few times wider than the noise requires."""
 
 
