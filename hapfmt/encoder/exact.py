@@ -67,10 +67,10 @@ CHEAP = 4
 FINE = 16
 """Bits a sample that a binary grid hardly ever comes down to."""
 
-SMALLER, SMALLER_SHORT, SHORT_OF = 0.98, 0.9, 1.045
-"""Words that are estimated to take less than this share of a binary grid are smaller; those of
-short packets take up to 7 % more than the estimate. The estimate of a binary grid is multiplied by
-SHORT_OF (1.01 to 1.08 measured)."""
+SMALLER, SMALLER_SHORT, LONGER, SHORT_OF = 0.98, 0.94, 1.03, 1.045
+"""Words that are estimated to take less than this share of a binary grid are smaller. Short packets
+take LONGER words (1.00 to 1.07 measured where they do not repeat). The estimate of a binary grid is
+multiplied by SHORT_OF (1.01 to 1.08 measured)."""
 
 RECALLED, SELDOM = 1024, 20
 """Samples that tell whether counts repeat, half of them neighbours: in one of 20 at least."""
@@ -137,10 +137,11 @@ def encode_doubles(
         return min([*units, otherwise()], key=lambda unit: unit.size)
     # Estimates know nothing of values that repeat.
     part = x[middle_of(spans)]
-    words = 0.0 if repeats(part) else bytes_of_words(x)
+    words, surely = 0.0 if repeats(part) else bytes_of_words(x), SMALLER
+    if part.size < APART:
+        words, surely = words * LONGER, SMALLER_SHORT
     if not (units and 8 * units[0].size < FINE * x.size):
         candidate = binary_grid(x)
-        surely = SMALLER if part.size >= APART else SMALLER_SHORT
         if candidate and (not words or words > surely * bytes_of(candidate, x)):
             found = coded_as(channel, x, spans, first_channel, candidate)
             units += [found.unit] if found else []
@@ -550,10 +551,17 @@ def within_reach(y: Doubles, sources: Sequence[Doubles], limit: float) -> list[b
     if not sources:
         return []
     few = slice(0, PROBED_SAMPLES + SETTLING)
-    rows = np.stack([rows_of(FORMS[-1], y[few], x[few], SETTLING) for x in sources])
+    # As rows_of gives them, of all sources at once.
+    own, other = FORMS[-1]
+    x, size = np.stack([source[few] for source in sources]), PROBED_SAMPLES + SETTLING
+    rows = np.ones((len(sources), own + other + 2, PROBED_SAMPLES))
+    for lag in range(1, own + 1):
+        rows[:, lag - 1] = y[few][SETTLING - lag : size - lag]
+    for lag in range(other + 1):
+        rows[:, own + lag] = x[:, SETTLING - lag : size - lag]
     scales = np.abs(rows).max(axis=2, keepdims=True)
     scales[scales == 0] = 1
-    basis = np.linalg.svd((rows / scales).transpose(0, 2, 1), full_matrices=False)[0]
+    basis = np.linalg.qr((rows / scales).transpose(0, 2, 1))[0]
     scale = float(np.abs(y).max())
     wanted = y[few][SETTLING:] / scale
     shares = np.einsum("smt,m->st", basis, wanted)
@@ -569,13 +577,13 @@ def best_relation(
     part = slice(size // 2, size // 2 + LOOKED_AT)
     y = columns[target][part]
     limit = NEAR * float(np.abs(y).max())
-    tried = [
-        relation
-        for source in sources
-        for form in FORMS
-        if left_by(form, y, columns[source][part]) < limit
-        for relation in relations(form, target, source, columns)
-    ]
+    tried: list[Relation] = []
+    for source in sources:
+        for form in FORMS:
+            if left_by(form, y, columns[source][part]) < limit:
+                tried += relations(form, target, source, columns)
+            if tried and min(each.bits for each in tried) < SURE:
+                return min(tried, key=lambda each: each.bits)
     best = min(tried, key=lambda each: each.bits, default=None)
     return best if best and best.bits < COSTLY - HOPED else None
 

@@ -38,7 +38,7 @@ from .rational import (
     decimal,
     dyadic,
     fitted_all,
-    near,
+    near_all,
     near_steps,
     on_grid,
     place,
@@ -420,9 +420,7 @@ class LatticeSearch:
         if steps is None:
             return
         noises = [steps.noise * share for share in SHARES]
-        for ratio in chain(
-            (near(u, steps, noise) for noise in noises), fitted_all(u, steps, noises)
-        ):
+        for ratio in chain(near_all(u, steps, noises), fitted_all(u, steps, noises)):
             found = first_near(u, iter([ratio]), inf, COUNT_BITS)
             if found:
                 yield found
@@ -516,7 +514,7 @@ def _natural(u: NDArray[np.float64], steps: Steps | None, allowed: float) -> Ite
     # The simplest first: the noise was found with any offset, and a plain one may need a little
     # more. Then as near as the tolerance asks for.
     noises = 2 * steps.noise, steps.noise, min(allowed, steps.noise / 2)
-    yield from (near(u, steps, noise) for noise in noises)
+    yield from near_all(u, steps, noises)
     yield from fitted_all(u, steps, noises)
 
 

@@ -27,7 +27,7 @@ from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..numbers import rdiv
 from ..recording import Calibration
 
-SMALLEST_COUNT = 256
+SMALLEST_COUNT, FIRST_COUNT = 256, 8
 """Smallest differences that are examined one by one. On the recordings a few settle the step.
 Values without a common step are given up after about three."""
 
@@ -78,8 +78,15 @@ def simplest_fraction(
     """
     if low > high or (low == high and not (low_in and high_in)):
         return None
-    # From a/b to c/d; d is 0 where there is no upper end. Fractions take five times as long.
-    (a, b), (c, d) = low.as_integer_ratio(), high.as_integer_ratio()
+    found = simplest(*low.as_integer_ratio(), *high.as_integer_ratio(), low_in, high_in)
+    return Fraction(*found)
+
+
+def simplest(
+    a: int, b: int, c: int, d: int, low_in: bool = True, high_in: bool = True
+) -> tuple[int, int]:
+    """The same from a/b to c/d, an interval that is not empty. Fractions take five times longer."""
+    # d is 0 where there is no upper end.
     terms: list[int] = []
     while True:
         first = -(-a // b) + (1 if not low_in and a % b == 0 else 0)
@@ -92,7 +99,7 @@ def simplest_fraction(
     n, m = first, 1
     for term in reversed(terms):
         n, m = term * n + m, n
-    return Fraction(n, m)
+    return n, m
 
 
 def common_step(
@@ -163,8 +170,10 @@ def near_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
             continue  # some gap is neither noise nor a step
         least = max(floor, (SHARED_CLEARANCE if inside else CLEARANCE) * noise)
         # The cheap test first: it ends almost every attempt.
-        few = ordered[inside : inside + SMALLEST_COUNT]
-        if _shortest(few - 2 * noise, few + 2 * noise, least) is None:
+        if any(
+            _divisor(few - 2 * noise, few + 2 * noise, least) is None
+            for few in (ordered[inside : inside + size] for size in (FIRST_COUNT, SMALLEST_COUNT))
+        ):
             continue
         starts = np.concatenate(([0], np.flatnonzero(gaps > 2 * noise) + 1))
         ends = np.concatenate((starts[1:], [u.size])) - 1
@@ -188,7 +197,14 @@ def _shortest(
     if order.size > SMALLEST_COUNT:
         order = np.argpartition(least, SMALLEST_COUNT)[:SMALLEST_COUNT]
     order = order[np.argsort(least[order], kind="stable")]
-    lows, highs = least[order].tolist(), most[order].tolist()
+    return _divisor(least[order], most[order], floor)
+
+
+def _divisor(
+    least: NDArray[np.float64], most: NDArray[np.float64], floor: float
+) -> tuple[float, float] | None:
+    """The common step of differences in [least, most], in this order."""
+    lows, highs = least.tolist(), most.tolist()
     a, b = lows[0], highs[0]
     for low, high in zip(lows, highs, strict=True):
         if a <= 0 or b < floor:
@@ -214,10 +230,14 @@ def _divide(
     times = round((low + high) / (a + b))
     if times >= 1 and low <= times * b and high >= times * a:
         return max(a, low / times), min(b, high / times)
-    ratio = simplest_fraction(Fraction(low) / Fraction(b), Fraction(high) / Fraction(a))
-    if not ratio:
+    # From low / b to high / a.
+    (n, m), (r, s) = low.as_integer_ratio(), b.as_integer_ratio()
+    (t, v), (w, z) = high.as_integer_ratio(), a.as_integer_ratio()
+    if n * s * v * w > t * z * m * r:
         return None
-    p, q = ratio.numerator, ratio.denominator
+    p, q = simplest(n * s, m * r, t * z, v * w)
+    if not p:
+        return None
     a, b = sorted((max(a / q, low / p), min(b / q, high / p)))
     return (a, b) if b >= floor else None
 
@@ -355,20 +375,23 @@ def stepped(u: NDArray[np.float64], least: float) -> Ratio | None:
     return ratio if ratio is not None and _gives(ratio, u) else None
 
 
-def near(u: NDArray[np.float64], steps: Steps, noise: float) -> Ratio | None:
-    """The simplest step that brings all values within ``noise``, with the offset a fraction of it.
+def near_all(
+    u: NDArray[np.float64], steps: Steps, noises: Sequence[float]
+) -> Iterator[Ratio | None]:
+    """The simplest step that brings all values within each noise, with the offset a fraction of it.
 
     steps: of these values, as found by ``near_steps``. None where no such offset does.
     """
     indices = _indices(u - steps.noise, u + steps.noise, steps)
     if indices is None:
-        return None
+        return
     away = indices != 0
     times = np.abs(indices[away]).astype(np.float64)
     size = np.where(indices > 0, u, -u)[away]
-    low, high = float(((size - noise) / times).max()), float(((size + noise) / times).min())
-    step = simplest_fraction(Fraction(low), Fraction(high)) if low > 0 else None
-    return None if step is None else _scaled(indices, step, "a common step")
+    for noise in noises:
+        low, high = float(((size - noise) / times).max()), float(((size + noise) / times).min())
+        step = simplest_fraction(Fraction(low), Fraction(high)) if low > 0 else None
+        yield None if step is None else _scaled(indices, step, "a common step")
 
 
 def fitted_all(
