@@ -394,7 +394,7 @@ class LatticeSearch:
         """The gain from a tolerance, where the values deviate from a natural grid; or empty."""
         if self.values.size == 0 or self.refusal:
             return ""
-        exact = self.bit_for_bit
+        exact = self.exact
         steps = self.steps(exact if isinstance(exact, Lattice) else None)
         u = self.few
         found = first_near(u, _natural(u, steps, inf), inf, COUNT_BITS) if steps else None
