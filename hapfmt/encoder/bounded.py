@@ -22,10 +22,11 @@ from ..codecs.knots import KnotParameters, encode_knots
 from ..deadband import Deadband
 from ..format.track import Contract, Track
 from ..recording import Channel, Span
+from .effort import Effort
 from .gridded import Indices, grid_within, levels_of, nearest_level, nearest_uniform, places
 from .knots import Coded, fill_below, plain_knots, select_knots
 from .plan import Promise, without_glitches
-from .predict import encode_best, encode_quick, fitting_packets, quick_estimate
+from .predict import encode_best, fitting_packets, quick_estimate
 from .settings import counts_of
 from .source import InputBlock
 from .tube import (
@@ -189,11 +190,11 @@ KNOT_WAYS = 3
 """The first of :func:`scalar_ways`."""
 
 
-def encode_lossless(source: InputBlock, base: Track, *, fast: bool = False) -> Unit:
-    code = encode_quick if fast else partial(encode_best, thorough=False)
+def encode_lossless(source: InputBlock, base: Track, effort: Effort | None = None) -> Unit:
+    code = partial(encode_best, effort=effort)
     coded = code_grid(source, base, LpcParameters(), nearest_uniform, code=code)
     assert coded
-    return Unit(coded, None, "predicted", "lossless, fast" if fast else "lossless", exact=True)
+    return Unit(coded, None, "predicted", "lossless", exact=True)
 
 
 def error_of(channel: Channel, promise: Promise) -> int:
