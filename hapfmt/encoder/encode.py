@@ -43,7 +43,6 @@ from .exact import (
     find_relations,
     groups_of,
     stretches,
-    words_size,
 )
 from .gridded import INFINITE, KEPT, NO_STEP, Gridded, on_grid
 from .knots import Coded
@@ -770,8 +769,7 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         words = partial(encode_words, channel, spans, first_channel, kind, WORDS_REASON)
         if kind != "binary64":
             return words()
-        search, least = job.searches[first_channel], partial(words_size, channel, spans)
-        return encode_doubles(channel, spans, first_channel, words, search, least=least)
+        return encode_doubles(channel, spans, first_channel, words, job.searches[first_channel])
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
