@@ -43,41 +43,35 @@ INLINE void learn(averages *a, uint64_t sum)
 
 /* ---- decoding ---- */
 
-INLINE int find(const int16_t *ends, uint32_t x)
+/* A symbol. Few slots have another one than the first slot with their highest bits. */
+INLINE int get_one(uint32_t *x, const class_table *t, int c, const uint8_t **next)
 {
-    int slot = (int)(x & (SCALE - 1));
-#ifdef VECTORS
-    __m128i at = _mm_set1_epi16((short)slot);
-    __m128i a = _mm_cmpgt_epi16(at, _mm_loadu_si128((const __m128i *)ends));
-    __m128i b = _mm_cmpgt_epi16(at, _mm_loadu_si128((const __m128i *)(ends + 8)));
-    return __builtin_ctz(~(unsigned)_mm_movemask_epi8(_mm_packs_epi16(a, b)));
-#else
-    int symbol = 0;
-    for (int i = 0; i < ESCAPE; i++) symbol += slot > ends[i];
-    return symbol;
-#endif
+    uint32_t slot = *x & (SCALE - 1), high = *x >> SCALE_BITS;
+    int k = t->symbols[c][slot >> FINE_BITS];
+    share s = t->coarse[c][slot >> FINE_BITS];
+    uint32_t within = slot - s.first;
+    while (RARE(within >= s.width)) {
+        s = t->shares[c][++k];
+        within = slot - s.first;
+    }
+    uint32_t state = s.width * high + within, more = state << 16 | (uint32_t)(*next)[0] << 8 | (*next)[1];
+    int needs = state < LEAST_STATE;
+    *next += 2 * needs;
+    *x = needs ? more : state;
+    return k;
 }
 
 /* The symbols of up to eight numbers. */
 INLINE void get_block(decoder *d, const class_table *t, int c, int count, int lanes, int *k)
 {
-    const share *shares = t->shares[c];
-    const int16_t *ends = t->ends[c];
     const uint8_t *next = d->next;
     uint32_t x[LANES_MOST];
     for (int i = 0; i < lanes; i++) x[i] = d->x[i];
-    if (count == BLOCK)
-        for (int i = 0; i < BLOCK; i++) {
-            uint32_t *lane = x + (i & (lanes - 1));
-            k[i] = find(ends, *lane);
-            *lane = advance(*lane, shares[k[i]], &next);
-        }
-    else
-        for (int i = 0; i < count; i++) {
-            uint32_t *lane = x + (i & (lanes - 1));
-            k[i] = find(ends, *lane);
-            *lane = advance(*lane, shares[k[i]], &next);
-        }
+    if (count == BLOCK) {
+        UNROLL
+        for (int i = 0; i < BLOCK; i++) k[i] = get_one(x + (i & (lanes - 1)), t, c, &next);
+    } else
+        for (int i = 0; i < count; i++) k[i] = get_one(x + (i & (lanes - 1)), t, c, &next);
     for (int i = 0; i < lanes; i++) d->x[i] = x[i];
     d->next = next;
 }
@@ -112,7 +106,11 @@ INLINE int get_integers_as(decoder *d, int class, int start, int64_t count, int6
             beyond |= u;
             sum += u;
             if (signs == RAW_SIGNS) {
-                uint64_t some = u != 0, mask = 0 - (word & some);
+                /* Whether there is a sign mostly follows from the symbol: then no load waits for
+                   the number. */
+                uint64_t some = k[i] != 0;
+                if (h && RARE(!some)) some = u != 0;
+                uint64_t mask = 0 - (word & some);
                 raw += (int64_t)some;
                 u = (u ^ mask) - mask;
             }

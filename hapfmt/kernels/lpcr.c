@@ -35,9 +35,13 @@ static void build_context(const int8_t *row, int c, class_table *t)
     }
     t->shares[c][ESCAPE].first = (uint16_t)from;
     t->shares[c][ESCAPE].width = (uint16_t)(SCALE - from);
+    for (int i = 0, k = 0; i < 1 << COARSE_BITS; i++) {
+        while (k < ESCAPE && i << FINE_BITS >= t->shares[c][k + 1].first) k++;
+        t->symbols[c][i] = (uint8_t)k;
+        t->coarse[c][i] = t->shares[c][k];
+    }
     for (int k = 0; k < SYMBOLS; k++) {
         share s = t->shares[c][k];
-        t->ends[c][k] = (int16_t)(k < ESCAPE ? s.first + s.width - 1 : INT16_MAX);
         t->costs[c][k] = (uint16_t)floor(256 * log2((double)SCALE / s.width) + 0.5);
     }
 }
