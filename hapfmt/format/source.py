@@ -498,7 +498,7 @@ def open_source(
     A pipe is spooled first; a URL too, where ``spool`` says so: copied whole into memory or a
     temporary file. ``mapped``: the file of this path as a mapping (see MappedSource).
     """
-    if isinstance(file, ByteSource):
+    if not isinstance(file, (str, bytes, os.PathLike)) and isinstance(file, ByteSource):
         return file
     if isinstance(file, str) and is_url(file):
         if mapped:

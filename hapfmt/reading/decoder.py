@@ -267,20 +267,27 @@ class GrowingArray:
     bytearray grows by an eighth, and large ones are moved by the operating system, not copied."""
 
     def __init__(self) -> None:
-        self.room = bytearray()
-        self.like: NDArray[Any] | None = None
+        self.room: bytearray | None = None
+        self.first: NDArray[Any] | None = None
+        """All rows, where they come in one piece."""
 
     def append(self, rows: NDArray[Any]) -> None:
         """rows [ticks, ...], of one dtype and width throughout."""
-        if self.like is None:
-            self.like = rows[:0].copy()
+        if self.first is None:
+            self.first = rows
+            return
+        if self.room is None:
+            self.room = bytearray(np.ascontiguousarray(self.first).data.cast("B"))
+            self.first = self.first[:0].copy()
         self.room += np.ascontiguousarray(rows).data.cast("B")
 
     def joined(self) -> NDArray[Any] | None:
         """All rows; None where there were none. Nothing is appended after that."""
-        if self.like is None:
-            return None
-        return np.frombuffer(self.room, self.like.dtype).reshape(-1, *self.like.shape[1:])
+        if self.first is not None and self.room is None and not self.first.flags.writeable:
+            return self.first.copy()
+        if self.room is None or self.first is None:
+            return self.first
+        return np.frombuffer(self.room, self.first.dtype).reshape(-1, *self.first.shape[1:])
 
 
 @dataclass
@@ -420,7 +427,9 @@ class Assembly:
         described = ref.track.components[ref.index]
         found = []
         for part in ref.parts:
-            own = replace(described, deviation=part.track.components[ref.index].deviation)
+            own = part.track.components[ref.index]
+            if own is not described:
+                own = replace(described, deviation=own.deviation)
             track = self.of_part(part)
             fast = None if self.band == "lf" else part.residual
             synthetic = SYNTHETIC in (part.track.codec, fast and fast.codec)
