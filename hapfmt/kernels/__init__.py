@@ -401,6 +401,16 @@ class Kernels(Protocol):
     def exact_decode(self) -> CorrectionLoop: ...
     @property
     def exact_encode(self) -> CorrectionLoop: ...
+    def exact_packet(
+        self,
+        rest: Buffer,
+        parameters: Buffer,
+        calibrations: Buffer,
+        counts: Buffer,
+        values: Buffer,
+        /,
+    ) -> bool: ...
+
     @property
     def coded_knots_decode(self) -> CodedKnotsDecode: ...
     @property

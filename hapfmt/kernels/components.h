@@ -3,6 +3,7 @@
 #ifndef HAPFMT_COMPONENTS_H
 #define HAPFMT_COMPONENTS_H
 
+#include "bytes.h"
 #include "lpcr.h"
 
 enum { COMPONENTS_MOST = 255, REFERENCES_MOST = 8, REFERENCE_SIZE = 4, WEIGHT_SHIFT = 6 };
@@ -16,35 +17,12 @@ typedef struct {
 } scale;
 
 typedef struct {
-    const uint8_t *at;
-    int64_t size; /* -1: it broke a rule */
-} bytes;
-
-typedef struct {
     const uint8_t *references;
     int difference, order, repeats, constant, count;
     int8_t reflections[ORDERS];
     int64_t base;
     bytes coded;
 } component;
-
-/* CNV-002 */
-static int64_t take_varint(bytes *b)
-{
-    uint64_t value = 0;
-    for (int i = 0; i < 8 && i < b->size; i++) {
-        uint8_t byte = b->at[i];
-        value |= (uint64_t)(byte & 127) << 7 * i;
-        if (byte < 128) {
-            if ((!byte && i) || value >> 53) break;
-            b->at += i + 1;
-            b->size -= i + 1;
-            return (int64_t)value;
-        }
-    }
-    b->size = -1;
-    return 0;
-}
 
 /* The header of the component at ``place``; 0 where it breaks a rule. */
 static int take_component(bytes b, int place, int64_t limit, component *c)
