@@ -134,15 +134,6 @@ INLINE int get_bit(decoder *d, int lane, int p)
     return bit;
 }
 
-/* One of ``count`` symbols. */
-INLINE int get_symbol(decoder *d, int lane, const share *shares, int count)
-{
-    int slot = (int)(d->x[lane] & (SCALE - 1)), symbol = 0;
-    while (symbol + 1 < count && slot >= shares[symbol + 1].first) symbol++;
-    d->x[lane] = advance(d->x[lane], shares[symbol], &d->next);
-    return symbol;
-}
-
 /* The next raw bits, 57 and more. */
 INLINE uint64_t raw_word(const uint8_t *end, int64_t raw)
 {
