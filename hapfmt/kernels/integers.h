@@ -133,20 +133,32 @@ static inline int get_integers(decoder *d, int class, int start, int64_t count, 
                               : get_integers_as(d, class, start, count, out, 4, UNSIGNED);
 }
 
-/* Signs of those that are not 0, each by the number before it. */
+/* Signs of those that are not 0, each by the number before it. Nothing branches on a sign or a zero, which
+   no processor can predict. */
 static inline int get_signs(decoder *d, const uint8_t *p, int64_t count, int64_t *out)
 {
-    int last = 0, lane = 0;
+    const uint8_t *next = d->next, *stop = d->end - (d->raw + 7) / 8;
+    uint32_t positive[SIGN_CONTEXTS], last = 1, lane = 0, lanes = (uint32_t)d->lanes - 1;
+    for (int i = 0; i < SIGN_CONTEXTS; i++) positive[i] = SCALE - 16 * (uint32_t)p[i];
     for (int64_t i = 0; i < count; i++) {
-        if (out[i]) {
-            int negative = get_bit(d, lane, p[last + 1]);
-            lane = (lane + 1) & (d->lanes - 1);
-            if (RARE(overrun(d))) return BAD_END;
-            if (negative) out[i] = -out[i];
-            last = 1 - 2 * negative;
-        } else
-            last = 0;
+        uint32_t x = d->x[lane], slot = x & (SCALE - 1), some = out[i] != 0;
+        uint32_t middle = last == 0 ? positive[0] : last == 1 ? positive[1] : positive[2];
+        uint32_t negative = slot >= middle, wide = 0 - negative;
+        uint32_t width = (middle ^ wide) + (wide & (SCALE + 1)); /* SCALE - middle where negative */
+        uint32_t state = width * (x >> SCALE_BITS) + slot - (middle & wide);
+        uint32_t needs = (state < LEAST_STATE) & some, more = state << 16 | (uint32_t)next[0] << 8 | next[1];
+        int64_t mask = -(int64_t)(negative & some);
+        d->x[lane] = !some ? x : needs ? more : state;
+        next += 2 * needs;
+        lane = (lane + some) & lanes;
+        out[i] = (out[i] ^ mask) - mask;
+        last = some ? 2 - 2 * negative : 1;
+        if (RARE(next > stop)) {
+            d->next = next;
+            return BAD_END;
+        }
     }
+    d->next = next;
     return DONE;
 }
 
