@@ -8,7 +8,7 @@ sweep, links, quick, lattice, trellis and vectors.
 That of split.py is sections.
 Shared headers: coder.h, integers.h, coded.h and flags.h implement SPEC 9.4, each on top of the one
 before.
-lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
+lpcr.h implements 9.5, components.h its packets, search.h its predictors, lines.h the counts between knots.
 """
 
 from __future__ import annotations
@@ -43,6 +43,28 @@ class CompiledLoop(Protocol):
         indices: Buffer,
         /,
     ) -> tuple[int, int]: ...
+
+
+class PacketDecode(Protocol):
+    """(packet, components, largest index, step, zero, magnitudes of a deadband's grid int64 or
+    none, least and largest count, sines int32 [128], counts int32 [components, ticks]) -> 0 where
+    it breaks a rule, 1 where all counts lie within the range, 2 where some were moved into it; the
+    last argument is filled."""
+
+    def __call__(
+        self,
+        packet: Buffer,
+        components: int,
+        limit: int,
+        step: int,
+        zero: int,
+        levels: Buffer,
+        low: int,
+        high: int,
+        sines: Buffer,
+        counts: Buffer,
+        /,
+    ) -> int: ...
 
 
 class FewestHold(Protocol):
@@ -324,6 +346,8 @@ class Kernels(Protocol):
     @property
     def lpcr_decode(self) -> CompiledLoop: ...
     @property
+    def lpcr_packet(self) -> PacketDecode: ...
+    @property
     def lpcr_encode(self) -> CompiledLoop: ...
 
     def lpcr_errors(
@@ -359,6 +383,16 @@ class Kernels(Protocol):
     def exact_decode(self) -> CorrectionLoop: ...
     @property
     def exact_encode(self) -> CorrectionLoop: ...
+    def exact_packet(
+        self,
+        rest: Buffer,
+        parameters: Buffer,
+        calibrations: Buffer,
+        counts: Buffer,
+        values: Buffer,
+        /,
+    ) -> bool: ...
+
     @property
     def coded_knots_decode(self) -> CodedKnotsDecode: ...
     @property

@@ -120,8 +120,9 @@ class TrackDecoder:
                 packet.data,
                 self.parameters,
                 [component.calibration for component in self.track.components],
-                counts.astype(np.int64),
+                counts,
                 packet.offset,
+                self.track.parameters,
             )
         except HapfmtError as error:
             raise error.at(path=self.path) from None
@@ -143,12 +144,13 @@ class TrackDecoder:
                     packet.data, parameters, track.number_format, packet.span, size, packet.offset
                 )
                 if track.number_format == "counts":
-                    self.check_range(numbers, packet.offset, "RAW-005")
+                    self.check_range(numbers, packet.offset)
                 return numbers
             if isinstance(parameters, tuple):
-                counts = decode_counts(packet.data, packet.span, size, self.level, packet.offset)
-                self.check_range(counts, packet.offset, "EXA-003")
-                return counts.astype(np.int32)
+                return decode_counts(
+                    packet.data, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
             if isinstance(parameters, KnotParameters):
                 coded = parameters.coded
                 within = knots.decode_coded_within if coded else knots.decode_within
@@ -180,13 +182,13 @@ class TrackDecoder:
         except HapfmtError as error:
             raise error.at(path=self.path) from None
 
-    def check_range(self, numbers: NDArray[Any], offset: int, requirement: str) -> None:
+    def check_range(self, numbers: NDArray[Any], offset: int) -> None:
         """What is lossless is never clamped."""
         low, high = self.track.count_min, self.track.count_max
         if numbers.min() < low or numbers.max() > high:
             raise FormatError(
                 "a lossless count outside the declared range",
-                requirement=requirement,
+                requirement="RAW-005",
                 offset=offset,
             )
 
@@ -267,20 +269,27 @@ class GrowingArray:
     bytearray grows by an eighth, and large ones are moved by the operating system, not copied."""
 
     def __init__(self) -> None:
-        self.room = bytearray()
-        self.like: NDArray[Any] | None = None
+        self.room: bytearray | None = None
+        self.first: NDArray[Any] | None = None
+        """All rows, where they come in one piece."""
 
     def append(self, rows: NDArray[Any]) -> None:
         """rows [ticks, ...], of one dtype and width throughout."""
-        if self.like is None:
-            self.like = rows[:0].copy()
+        if self.first is None:
+            self.first = rows
+            return
+        if self.room is None:
+            self.room = bytearray(np.ascontiguousarray(self.first).data.cast("B"))
+            self.first = self.first[:0].copy()
         self.room += np.ascontiguousarray(rows).data.cast("B")
 
     def joined(self) -> NDArray[Any] | None:
         """All rows; None where there were none. Nothing is appended after that."""
-        if self.like is None:
-            return None
-        return np.frombuffer(self.room, self.like.dtype).reshape(-1, *self.like.shape[1:])
+        if self.first is not None and self.room is None and not self.first.flags.writeable:
+            return self.first.copy()
+        if self.room is None or self.first is None:
+            return self.first
+        return np.frombuffer(self.room, self.first.dtype).reshape(-1, *self.first.shape[1:])
 
 
 @dataclass
@@ -420,7 +429,9 @@ class Assembly:
         described = ref.track.components[ref.index]
         found = []
         for part in ref.parts:
-            own = replace(described, deviation=part.track.components[ref.index].deviation)
+            own = part.track.components[ref.index]
+            if own is not described:
+                own = replace(described, deviation=own.deviation)
             track = self.of_part(part)
             fast = None if self.band == "lf" else part.residual
             synthetic = SYNTHETIC in (part.track.codec, fast and fast.codec)
