@@ -555,6 +555,7 @@ def opened_input(
     block. ``whole`` names what needs all of it in memory, if anything does."""
     from ..convert import opened
     from ..convert.tables import Import
+    from ..spool import Spool
     from ..writing.importing import read_if_small
 
     if suffix_of(name, format_) == HAPF:
@@ -563,7 +564,12 @@ def opened_input(
     with ExitStack() as bar:
         advance = bar.enter_context(progress("reading"))
         with opened(
-            input_of(name), format=format_, limits=limits, progress=advance, **asked_of(given)
+            input_of(name),
+            format=format_,
+            limits=limits,
+            progress=advance,
+            store=Spool(),
+            **asked_of(given),
         ) as (_, found, options):
             kept = read_if_small(found, options, limits, whole)
             bar.close()

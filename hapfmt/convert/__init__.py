@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 from ..errors import HapfmtError, ParameterError, refuse_keywords
 from ..files import atomic_folder, atomic_write
+from ..spool import MEMORY, Memory
 from .formats import (
     HAPF,
     OURS,
@@ -188,16 +189,17 @@ def opened(
     format: str | None = None,
     limits: Limits | None = None,
     progress: Advance | None = None,
+    store: Memory = MEMORY,
     **given: Any,
 ) -> Iterator[tuple[Format | None, Recording | Import, ReadOptions]]:
     """The same as its reader gives it, which may be a Recording, and the options for it. A .hapf
-    file is read whole, and its format is None."""
+    file is read whole, and its format is None. ``store``: where the samples are kept."""
     with _named(file), _source(file, limits) as source:
         chosen = _format_of(source, format)
         if chosen is None:
             yield None, _hapf(file, source, given, limits=limits), ReadOptions()
             return
-        options = _options(chosen, given, limits, progress)
+        options = replace(_options(chosen, given, limits, progress), store=store)
         yield chosen, _found(chosen, source, options), options
 
 

@@ -26,6 +26,7 @@ from ..errors import ParameterError
 from ..limits import EXACT_LIMIT, SINGLE_MAX
 from ..reading.verifier import nearest_counts
 from ..recording import Calibration, Channel, Deviation
+from ..spool import MEMORY, Memory
 from .plan import without_glitches
 from .rational import (
     CalibratedCounts,
@@ -92,6 +93,9 @@ COUNT_BITS = 32
 PLAIN_DENOMINATOR = 10**10
 """If a denominator up to this one fits, no common step is searched. Two values without a common
 grid share a denominator only from about 2**36 on."""
+
+SLICE = 1 << 16
+"""Samples that are looked at together: they stay in the cache."""
 
 SPARSE = 16
 """An exact grid with this many times the range of a natural one comes from the text format of the
@@ -202,15 +206,19 @@ def to_counts(
 class LatticeSearch:
     """The grids of some values. Each search runs once; its result is kept.
 
-    ``given``: [sample_count], any numbers. Counts have at most ``bits`` bits. The exact grid and
-    the natural step are kept. The distinct values are kept until ``forget``.
+    ``given``: [sample_count], any numbers. Counts have at most ``bits`` bits. The exact grid, with
+    its counts in ``store``, and the natural step are kept. The distinct values are kept until
+    ``forget``.
     """
 
-    def __init__(self, values: NDArray[np.generic], bits: int = COUNT_BITS) -> None:
+    def __init__(
+        self, values: NDArray[np.generic], bits: int = COUNT_BITS, store: Memory = MEMORY
+    ) -> None:
         if not 2 <= bits <= COUNT_BITS:
             raise ParameterError(f"counts have 2 to {COUNT_BITS} bits, not {bits}")
         self.given = values
         self.bits = bits
+        self.store = store
         self._steps: dict[bool, Steps | None] = {}
 
     @cached_property
@@ -275,12 +283,11 @@ class LatticeSearch:
         if best is None:
             return "no common step"
         z = self.values + 0.0 if self.has_negative_zero else self.values
-        lattice = _lattice(z, u, best, f"exact: {best.how}", exact=True)
-        given = lattice.calibration.physical(lattice.counts)
-        # Every sample, whatever the search promises.
-        if not np.array_equal(given.view(np.int64), z.view(np.int64)):
+        counts = counts_back(z, u, best)
+        if counts is None:
             return "the step and offset found do not give every value back exactly"
-        return lattice
+        reason = _told(best, f"exact: {best.how}")
+        return Lattice(best.calibration, self.store.kept(counts), True, 0.0, reason)
 
     def steps(self, exact: Lattice | None) -> Steps | None:
         """The natural step: any step where no grid is exact, else one SPARSE times coarser.
@@ -356,13 +363,13 @@ def on_uniform_grid(
         return None
     calibration, counts, largest, how = found
     placed = CalibratedCounts(calibration, counts, how)
-    lattice = _lattice(x, u, placed, f"rounded by {largest:.3g} at most to {how}")
+    reason = _told(placed, f"rounded by {largest:.3g} at most to {how}")
     deviation = Deviation(error, largest)
     changed = replace(
         channel, stored=nearest_counts(x, calibration).astype(np.int32), calibration=calibration,
         deviation=deviation,
     )  # fmt: skip
-    return changed, lattice.reason
+    return changed, reason
 
 
 def sparse(counts: NDArray[Any]) -> bool:
@@ -370,7 +377,23 @@ def sparse(counts: NDArray[Any]) -> bool:
     if not counts.size:
         return False
     # In Python: the range of 32-bit counts takes 33.
-    return int(counts.max()) - int(counts.min()) >= SPARSE * np.unique(counts).size
+    low = int(counts.min())
+    extent = int(counts.max()) - low
+    if extent < SPARSE:
+        return False
+    if extent >= SPARSE * counts.size:
+        return True
+    return extent >= SPARSE * distinct_counts(counts, low, extent)
+
+
+def distinct_counts(counts: NDArray[Any], low: int, extent: int) -> int:
+    """How many values there are among low ... low + extent."""
+    if extent >= counts.size:
+        return int(np.unique(counts).size)
+    seen = np.zeros(extent + 1, bool)
+    for at in range(0, counts.size, SLICE):
+        seen[counts[at : at + SLICE].astype(np.int64) - low] = True
+    return int(np.count_nonzero(seen))
 
 
 def _snap(
@@ -453,25 +476,37 @@ def _within(
         return None
     calibration, counts, largest, how = found
     reason = f"each value is rounded by at most {largest:.3g}, to {how}"
-    return _lattice(x, u, CalibratedCounts(calibration, counts, how), reason, deviation=largest)
+    own = counts.astype(np.int32)[np.searchsorted(u, x)]
+    placed = CalibratedCounts(calibration, counts, how)
+    return Lattice(calibration, own, False, largest, _told(placed, reason))
 
 
-def _lattice(
-    x: NDArray[np.float64],
-    u: NDArray[np.float64],
-    placed: CalibratedCounts,
-    reason: str,
-    *,
-    exact: bool = False,
-    deviation: float = 0.0,
-) -> Lattice:
+def counts_back(
+    x: NDArray[np.float64], u: NDArray[np.float64], placed: CalibratedCounts
+) -> NDArray[np.int32] | None:
+    """Counts that give every value back bit for bit, whatever the search promises; None where
+    there are none. u: the distinct values, whose counts are ``placed``."""
+    calibration, known, _ = placed
+    a, b, d = map(float, (calibration.a, calibration.b, calibration.d))
+    known = known.astype(np.int32)  # COUNT_BITS
+    counts = np.empty(x.size, np.int32)
+    for at in range(0, x.size, SLICE):
+        part, own = x[at : at + SLICE], counts[at : at + SLICE]
+        own[:] = np.clip(np.rint((part * d - b) / a), known[0], known[-1])
+        if not _are_back(own, calibration, part):
+            own[:] = known[np.searchsorted(u, part)]
+            if not _are_back(own, calibration, part):
+                return None
+    return counts
+
+
+def _are_back(counts: NDArray[np.int32], calibration: Calibration, x: NDArray[np.float64]) -> bool:
+    given = calibration.physical(counts)
+    return np.array_equal(given.view(np.int64), x.view(np.int64))
+
+
+def _told(placed: CalibratedCounts, reason: str) -> str:
     calibration, counts, _ = placed
     bits = max(abs(int(counts[0])), abs(int(counts[-1]))).bit_length() + 1
     step = f"step {float(calibration.step):.10g} = {calibration.a}/{calibration.d}"
-    return Lattice(
-        calibration,
-        counts.astype(np.int32)[np.searchsorted(u, x)],  # COUNT_BITS
-        exact,
-        deviation,
-        f"{reason}, {step}, {bits}-bit counts",
-    )
+    return f"{reason}, {step}, {bits}-bit counts"
