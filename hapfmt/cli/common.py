@@ -532,11 +532,12 @@ def load_recording(
             "--labels and --unit require .npz, .npy, .csv or .wav input", path=name
         )
     from ..reading.reader import Reader
+    from ..spool import Spool
 
     with Reader(input_of(name), limits=limits) as reader, progress("decoding") as advance:
         names = parse_channels(select, [ref.label for ref in reader.channels])
         numbers = sorted({ref.number for ref in reader.select(names)})
-        recording = reader.read(None if names is None else numbers, progress=advance)
+        recording = reader.read(None if names is None else numbers, progress=advance, store=Spool())
         return recording, tell_losses(reader)
 
 
