@@ -30,6 +30,7 @@ from ..kernels import compiled
 from ..limits import EXACT_LIMIT, SINGLE_MAX
 from ..reading.verifier import nearest_counts, physical_of
 from ..recording import Calibration, Channel, Deviation
+from ..spool import MEMORY, Memory
 from .plan import without_glitches
 from .rational import (
     Ratio,
@@ -121,6 +122,9 @@ COUNT_BITS = 32
 PLAIN_DENOMINATOR = 10**10
 """If a denominator up to this one fits, no common step is searched. Two values without a common
 grid share a denominator only from about 2**36 on."""
+
+SLICE = 1 << 16
+"""Samples that are looked at together: they stay in the cache."""
 
 SPARSE = 16
 """An exact grid with this many times the range of a natural one comes from the text format of the
@@ -263,11 +267,14 @@ class LatticeSearch:
     ``forget``.
     """
 
-    def __init__(self, values: NDArray[np.generic], bits: int = COUNT_BITS) -> None:
+    def __init__(
+        self, values: NDArray[np.generic], bits: int = COUNT_BITS, store: Memory = MEMORY
+    ) -> None:
         if not 2 <= bits <= COUNT_BITS:
             raise ParameterError(f"counts have 2 to {COUNT_BITS} bits, not {bits}")
         self.given = values
         self.bits = bits
+        self.store = store
         self._steps: dict[bool, Steps | None] = {}
 
     @cached_property
@@ -350,7 +357,7 @@ class LatticeSearch:
         if found is None:
             return "no common step"
         near, counts = found
-        return lattice_of(near, counts, f"exact: {near.how}", exact=True)
+        return lattice_of(near, self.store.kept(counts), f"exact: {near.how}", exact=True)
 
     def exact_among(self, u: NDArray[np.float64]) -> Near | None:
         """The same for sorted distinct values."""
