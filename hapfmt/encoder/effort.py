@@ -27,11 +27,17 @@ class Effort:
     cuts: bool = True
     """Packets are cut where the pieces are smaller together."""
 
+    transform: bool = True
+    """A texture is tried by MDCT too."""
+
+    lines: bool = False
+    """A texture without silent stretches is tried after lines for its slow part too."""
+
 
 EFFORTS: dict[EffortName, Effort] = {
     "fast": Effort(references=False, relations=False),
     "default": Effort(),
-    "best": Effort(),
+    "best": Effort(lines=True),
 }
 
 SEARCHES = tuple(field.name for field in fields(Effort))

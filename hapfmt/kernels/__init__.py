@@ -249,8 +249,8 @@ class TransformEncode(Protocol):
 
 class Trellis(Protocol):
     """(targets int64 [blocks, coefficients], coefficients, classes, start, weight, magnitudes int64
-    [blocks, coefficients], counts int64 [2, 36, 16]) -> squared errors, and bits times the weight;
-    the last two are filled, the last one from zeros."""
+    [blocks, coefficients], counts int64 [2, 36, 16]) -> (squared errors, 256 times the
+    bits); the last two are filled, the last one from zeros."""
 
     def __call__(
         self,
@@ -262,7 +262,7 @@ class Trellis(Protocol):
         magnitudes: Buffer,
         counts: Buffer,
         /,
-    ) -> int: ...
+    ) -> tuple[int, int]: ...
 
 
 class Estimate(Protocol):
