@@ -824,7 +824,9 @@ def encode_source(
         assert joint
         unit = joint
     elif promise.texture is not None:
-        found = encode_textured(source, original, first_channel, promise, settings.cutoff_hz)
+        found = encode_textured(
+            source, original, first_channel, promise, settings.cutoff_hz, settings.searches
+        )
         unit = found or without_loss(original, first_channel, job)
     else:
         unit = encode_within(members[0], source, base, first_channel, promise)

@@ -8,7 +8,8 @@ sweep, links, quick, lattice, trellis and vectors.
 That of split.py is sections.
 Shared headers: coder.h, integers.h, coded.h and flags.h implement SPEC 9.4, each on top of the one
 before.
-lpcr.h implements 9.5, components.h its packets, search.h its predictors, lines.h the counts between knots.
+lpcr.h implements 9.5, components.h its packets, search.h its predictors, lines.h the counts
+between knots.
 """
 
 from __future__ import annotations
@@ -271,8 +272,8 @@ class TransformEncode(Protocol):
 
 class Trellis(Protocol):
     """(targets int64 [blocks, coefficients], coefficients, classes, start, weight, magnitudes int64
-    [blocks, coefficients], counts int64 [2, 36, 16]) -> squared errors, and bits times the weight;
-    the last two are filled, the last one from zeros."""
+    [blocks, coefficients], counts int64 [2, 36, 16]) -> (squared errors, 256 times the
+    bits); the last two are filled, the last one from zeros."""
 
     def __call__(
         self,
@@ -284,7 +285,7 @@ class Trellis(Protocol):
         magnitudes: Buffer,
         counts: Buffer,
         /,
-    ) -> int: ...
+    ) -> tuple[int, int]: ...
 
 
 class EncodePacket(Protocol):
