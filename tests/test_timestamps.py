@@ -135,7 +135,7 @@ def is_on_the_page(rows: list[list[str]]) -> bool:
 
 
 def test_the_table_of_wrong_ticks():
-    assert is_on_the_page([*islice(stamps.rows(), 3)])
+    assert is_on_the_page([*islice(stamps.rows(), 1)])
 
 
 @pytest.mark.deep
