@@ -180,7 +180,8 @@ static int decode_component(bench *b, const component *c, int64_t *row, int64_t 
         return 1;
     }
     if (!step_up(c->reflections, c->order, sines, coefficients)) return 0;
-    plan p = {c->difference, c->order, c->repeats, c->base, limit, span, coefficients, NULL};
+    plan p = {.difference = c->difference, .order = c->order, .repeats = c->repeats, .base = c->base,
+              .limit = limit, .span = span, .coefficients = coefficients};
     if (c->count) {
         if (!cross_terms(&p, c, b->rows, last_two, last_two + span)) return 0;
         p.cross = last_two + span;
