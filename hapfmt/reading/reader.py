@@ -609,7 +609,7 @@ class Reader(Closing):
 
 
 def read(
-    file: str | os.PathLike[str] | bytes | BinaryIO,
+    file: str | os.PathLike[str] | bytes | BinaryIO | ByteSource,
     channels: Sequence[str | int] | str | int | None = None,
     start: Seconds | None = None,
     stop: Seconds | None = None,
