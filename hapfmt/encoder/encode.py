@@ -29,6 +29,7 @@ from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
 from ..reading.catalogue import TrackPair
 from ..reading.decoder import TrackDecoder
 from ..recording import Channel, Recording, Span
+from ..spool import Spool, release
 from ..threads import in_order, thread_count
 from .bitrate import fill
 from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
@@ -43,7 +44,6 @@ from .exact import (
     find_relations,
     groups_of,
     stretches,
-    words_size,
 )
 from .gridded import INFINITE, KEPT, NO_STEP, Gridded, on_grid
 from .knots import Coded
@@ -287,7 +287,8 @@ class Encoding:
         self.recording, self.progress = recording, progress
         originals = [as_recorded(channel) for channel in recording.channels]
         promises = promises_of(replace(recording, channels=tuple(originals)), settings)
-        searches = [LatticeSearch(channel.stored) for channel in originals]
+        store = Spool()
+        searches = [LatticeSearch(channel.stored, store=store) for channel in originals]
         heads, count = heads_of(recording, settings), len(recording)
         longest = settings.cluster_of(recording)
         self.job = EncodeJob(
@@ -355,6 +356,7 @@ class Encoding:
         decisions: list[Decision] = []
         for part in parts:
             decisions += decide(part, job.originals, self.recording)
+            release()
         decisions.sort(key=lambda each: each.channel)
         tracks, packets = number_tracks([part.unit for part in parts])
         exact = not any(decision.largest_error for decision in decisions)
@@ -393,6 +395,7 @@ def put_on_grids(
         found = on_grid(channel, asked, settings, search)
         load = load_of(found, search)
         search.forget()
+        found = found.kept(search.store)
         if asked.floor is settings.max_error and not found.promise.lossless:
             check_bound(channel, found, settings)
         return found, load
@@ -421,6 +424,7 @@ def encode_parts(
     steps, at = [], 0
     for members in groups:
         steps.append(step_of(members, prepared[at].promise, settings))
+        release()
         at += len(members)
 
     runs = list(find_runs(groups, steps))
@@ -435,6 +439,7 @@ def encode_parts(
         return list(encode_members(rows, links, first + at, job))
 
     for coded in in_order(code, zip(runs, starts, strict=False), job.threads):
+        release()
         for part in coded:
             yield part
             done(part.stop)
@@ -512,12 +517,15 @@ def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUn
             double and 8 * part.unit.size > COSTLY * channel.stored.size
             for part, channel, double in zip(run, channels, doubles, strict=True)
         ]
+        if len(run) == 1 or not any(costly):
+            yield from run
+            continue
         # From what is constant no channel follows.
         columns = [
             channel.stored if double else np.zeros(channel.stored.size)
             for channel, double in zip(channels, doubles, strict=True)
         ]
-        found = find_relations(columns, costly) if len(run) > 1 and any(costly) else []
+        found = find_relations(columns, costly)
         at = 0
         for start, stop in stretches(found):
             yield from run[at:start]
@@ -575,6 +583,7 @@ def related(
 def has_doubles(part: PlacedUnit, job: EncodeJob) -> bool:
     """Whether these are the doubles of one channel, such as a track of several may hold."""
     channel = job.originals[part.first]
+    release()
     return (
         channel.stored.dtype == np.float64
         and bool(np.isfinite(channel.stored).all())
@@ -625,7 +634,7 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
     small = sum(channel.stored.size for channel in job.originals) <= SMALL
     lossless = replace(job, settings=job.lossless, promises=[Promise()] * len(job.originals))
     rivals: list[PlacedUnit] = []
-    doubtful = [small or may_lose(part) for part in parts]
+    doubtful = [may_lose(part) for part in parts]
     at = 0
     while at < len(parts):
         stop = at
@@ -647,7 +656,7 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
     alone = [in_place(each, asked) for part in rivals for each in part.apart or (part,)]
     apart = list(smaller(parts, alone))
     mixed = list(smaller(apart, rivals))
-    if not small:
+    if not small or not all(doubtful):
         return [mixed]
     choices: dict[tuple[int, ...], list[PlacedUnit]] = {}
     for each in (rivals, alone, mixed, apart):
@@ -671,9 +680,12 @@ def instead_of(promise: Promise) -> Promise:
 
 def may_lose(part: PlacedUnit) -> bool:
     """Whether a lossless form may be smaller: what is lossless already is the smallest found."""
-    if all(each.promise.lossless for each in part.members):
+    if part.unit.exact and not any(each.channel.deviation for each in part.members):
         return False
-    return 8 * part.unit.cost > part.unit.least
+    promise = part.members[0].promise
+    if not (promise.k or promise.paper or promise.texture):
+        return False
+    return 8 * part.unit.cost > 1.4 * part.unit.least
 
 
 def total_cost(parts: list[PlacedUnit]) -> int:
@@ -770,8 +782,7 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         words = partial(encode_words, channel, spans, first_channel, kind, WORDS_REASON)
         if kind != "binary64":
             return words()
-        search, least = job.searches[first_channel], partial(words_size, channel, spans)
-        return encode_doubles(channel, spans, first_channel, words, search, least=least)
+        return encode_doubles(channel, spans, first_channel, words, job.searches[first_channel])
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
@@ -816,7 +827,9 @@ def encode_source(
         assert joint
         unit = joint
     elif promise.texture is not None:
-        found = encode_textured(source, original, first_channel, promise, settings.cutoff_hz)
+        found = encode_textured(
+            source, original, first_channel, promise, settings.cutoff_hz, settings.searches
+        )
         unit = found or without_loss(original, first_channel, job)
     else:
         unit = encode_within(members[0], source, base, first_channel, promise)

@@ -22,6 +22,7 @@ extern PyMethodDef hapfmt_transform_methods[];
 extern PyMethodDef hapfmt_trellis_methods[];
 extern PyMethodDef hapfmt_noise_methods[];
 extern PyMethodDef hapfmt_sections_methods[];
+extern PyMethodDef hapfmt_lattice_methods[];
 void hapfmt_lpcr_prepare(void);
 
 /* Whether a buffer is a row of numbers, each of the given size in bytes. */
