@@ -62,6 +62,10 @@ REPEAT_SHARE = 50
 SPARSE = 1.5
 """Bits a sample. Below, what codes by bits may expect repeats anyway, so that way is looked at."""
 
+QUIET_BITS = 141
+"""256ths of a bit a sample. Below, what codes by bits learns more of plain differences than of what
+LPC leaves."""
+
 POLYNOMIALS = ((), (), (1,), (2, -1), (3, -3, 1))
 """As predictors of the samples, or of their first differences."""
 
@@ -166,7 +170,10 @@ class Choice:
                 if order <= len(every) and order != len(best.predictor.reflections):
                     ways += map(self.measured, self.way(best.set, every[:order]))
         ways += map(self.measured, polynomials)
-        able = sorted((self.whole(way) for way in ways if way.bits >= 0), key=lambda way: way.bits)
+        able = [way for way in ways if way.bits >= 0]
+        if min((way.bits for way in able), default=0) < QUIET_BITS * self.seen:
+            able = [way for way in able if not way.predictor.reflections]
+        able = sorted(map(self.whole, able), key=lambda way: way.bits)
         marks = np.count_nonzero(self.indices[1:] == self.indices[:-1])
         if able and marks * REPEAT_SHARE > self.size:
             marked = self.measured(

@@ -74,7 +74,7 @@ static int write_best(search *s, const int32_t *sines, const double *limits, wor
 {
     way ways[WAYS];
     int status = BAD_ERROR;
-    int kept = is_wide() ? rank_wide(s, sines, limits, ways) : rank_plain(s, sines, limits, ways);
+    int kept = BEST(rank)(s, sines, limits, ways);
     int count = kept < s->how.written ? kept : s->how.written;
     if (kept && ways[0].repeats && ways[0].bits < SPARSE * s->count) {
         way w = ways[0];
