@@ -204,9 +204,9 @@ class Catalogue:
     kept_rows: int = 0
     last_found: Fraction = Fraction(0)
     """Seconds to the end of the packets found in damaged chunks, whose times may be unknown."""
-    _placed: (
-        tuple[tuple[int, int], tuple[list[tuple[TrackPair, ...]], list[ChannelRef]]] | None
-    ) = None
+    _placed: tuple[tuple[int, int], tuple[list[tuple[TrackPair, ...]], list[ChannelRef]]] | None = (
+        None
+    )
 
     @property
     def tracks(self) -> dict[int, Track]:

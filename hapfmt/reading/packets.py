@@ -305,7 +305,7 @@ class PacketPass:
             return
         at, size, seed = ref.offset + HEADER_SIZE, header.payload_size, header.cluster_seed
         payload = source.read_at(at, size)
-        # A walk without findings has checked it; packets and their table have checksums of their own.
+        # A walk without findings has checked it. The table and packets have CRCs of their own.
         checked = ref.limit is None and not catalogue.damaged
         if checked or holds(header, payload):
             try:
