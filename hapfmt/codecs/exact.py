@@ -253,6 +253,9 @@ RANKS = 6
 FRESH, SAME, KNOWN = range(3)
 """A count that was not met before in the packet, that of the sample before, another one."""
 
+TABLED = 8
+"""Counts whose range is at most so many times their number are ranked by a table."""
+
 WORK = 2
 """Numbers of 64 bits for each sample, in which the compiled loops remember: a value, a link, and a
 head for each count."""
@@ -470,6 +473,13 @@ def corrections_of(source: Doubles, doubles: Doubles) -> Counts:
 
 def ids_of(counts: Counts) -> NDArray[np.int32]:
     """The place of each count among the distinct ones of its packet."""
+    low = int(counts.min(initial=0))
+    extent = int(counts.max(initial=0)) - low
+    if extent < TABLED * counts.size:
+        # As below, without sorting.
+        seen = np.zeros(extent + 1, np.int32)
+        seen[counts - low] = 1
+        return np.asarray(np.cumsum(seen, dtype=np.int32)[counts - low] - 1, np.int32)
     return np.unique(counts, return_inverse=True)[1].astype(np.int32)
 
 

@@ -32,6 +32,7 @@ from ..reading.verifier import nearest_counts, physical_of
 from ..recording import Calibration, Channel, Deviation
 from .plan import without_glitches
 from .rational import (
+    SMALL,
     Ratio,
     Steps,
     constant,
@@ -358,8 +359,8 @@ class LatticeSearch:
         least = float(u[-1] - u[0]) / (1 << self.bits)
         for enough, search in (
             (0, dyadic),
-            (1, decimal),
-            (1, small_denominator),
+            (SMALL, small_denominator),
+            (SMALL, decimal),
             (PLAIN_DENOMINATOR, lambda u: stepped(u, least)),
         ):
             if u.size == 1 or (best and best.calibration.d <= enough):

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import ceil, log, sqrt
+from math import ceil, floor, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -228,7 +228,8 @@ class PacketLengths:
             return lasts / pieces if pieces > 1 else self.cluster
         clusters = float(lasts / self.cluster)
         ways = [Fraction(n) for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
-        ways += [Fraction(1, n) for n in range(2, ceil(parts / clusters) + 2)]
+        most_near = min(max(parts, least), most) / clusters
+        ways += [Fraction(1, n) for n in {floor(most_near), ceil(most_near)} if n > 1]
         # Where two ways are as near, the longer packets win.
         found = [
             (abs(log(max(count, 1.0) / parts)), count, way)
