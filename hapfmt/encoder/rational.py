@@ -161,32 +161,44 @@ def near_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
     gaps = np.diff(u)
     ordered = np.sort(gaps)
     # From the rounding of float64, doubled to where no step is left.
-    noise = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1]))) / 2
-    while (CLEARANCE - 2) * 2 * noise <= ordered[-1]:
+    noise = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1])))
+    found: Steps | None = None
+    while found is None and (CLEARANCE - 2) * noise <= ordered[-1]:
+        found = steps_with(noise, u, gaps, ordered, floor)
         noise *= 2
-        inside = int(np.searchsorted(ordered, 2 * noise, side="right"))
-        outside = int(np.searchsorted(ordered, (CLEARANCE - 2) * noise))
-        if inside != outside or inside == ordered.size:
-            continue  # some gap is neither noise nor a step
-        least = max(floor, (SHARED_CLEARANCE if inside else CLEARANCE) * noise)
-        # The cheap test first: it ends almost every attempt.
-        if any(
-            _divisor(few - 2 * noise, few + 2 * noise, least) is None
-            for few in (ordered[inside : inside + size] for size in (FIRST_COUNT, SMALLEST_COUNT))
-        ):
-            continue
-        starts = np.concatenate(([0], np.flatnonzero(gaps > 2 * noise) + 1))
-        ends = np.concatenate((starts[1:], [u.size])) - 1
-        if (u[ends] - u[starts] > 2 * noise).any():
-            continue
-        found = common_step(u[ends] - noise, u[starts] + noise, least)
-        if found is None:
-            continue
-        low, high, index = found
-        clear = (starts.size - 2) * log2(low / (2 * noise)) - 2 * log2(float(ordered[inside]) / low)
-        if clear >= CHANCE_BITS:
-            return Steps(low, high, np.repeat(index, ends - starts + 1), noise)
-    return None
+    return found
+
+
+def steps_with(
+    noise: float,
+    u: NDArray[np.float64],
+    gaps: NDArray[np.float64],
+    ordered: NDArray[np.float64],
+    floor: float,
+) -> Steps | None:
+    """The same for one noise. gaps: those of u; ordered: from the smallest on."""
+    inside = int(np.searchsorted(ordered, 2 * noise, side="right"))
+    outside = int(np.searchsorted(ordered, (CLEARANCE - 2) * noise))
+    if inside != outside or inside == ordered.size:
+        return None  # some gap is neither noise nor a step
+    least = max(floor, (SHARED_CLEARANCE if inside else CLEARANCE) * noise)
+    # The cheap test first: it ends almost every attempt.
+    for size in (FIRST_COUNT, SMALLEST_COUNT):
+        few = ordered[inside : inside + size]
+        if _divisor(few - 2 * noise, few + 2 * noise, least) is None:
+            return None
+    starts = np.concatenate(([0], np.flatnonzero(gaps > 2 * noise) + 1))
+    ends = np.concatenate((starts[1:], [u.size])) - 1
+    if (u[ends] - u[starts] > 2 * noise).any():
+        return None
+    found = common_step(u[ends] - noise, u[starts] + noise, least)
+    if found is None:
+        return None
+    low, high, index = found
+    clear = (starts.size - 2) * log2(low / (2 * noise)) - 2 * log2(float(ordered[inside]) / low)
+    if clear < CHANCE_BITS:
+        return None
+    return Steps(low, high, np.repeat(index, ends - starts + 1), noise)
 
 
 def _shortest(
