@@ -773,8 +773,13 @@ class Calibration:
         """Convert counts (integers, any shape) to physical values (float64, same shape)."""
         if counts.size and not self.covers(int(counts.min()), int(counts.max())):
             raise ParameterError("a count leaves the exact range of its calibration")
-        numerator = counts.astype(np.int64) * self.a + self.b
-        return numerator.astype(np.float64) / float(self.d)
+        x = counts.astype(np.float64)
+        if self.a != 1 or self.b:
+            x *= self.a
+            x += self.b  # and -0.0 becomes 0.0
+        if self.d != 1:
+            x /= self.d
+        return x
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)

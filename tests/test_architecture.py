@@ -25,7 +25,7 @@ MODULES = {
 LAYERS = (
     "kernels",
     """clocks datasets deadband descriptions errors files limits metrics numbers recording split
-    structs threads times units version""",
+    spool structs threads times units version""",
     "format",
     "codecs",
     "reading",

@@ -16,8 +16,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
+import numpy as np
+
 from ..errors import HapfmtError, ParameterError, refuse_keywords
 from ..files import atomic_folder, atomic_write
+from ..spool import MEMORY, Memory, release
 from .formats import (
     HAPF,
     OURS,
@@ -37,6 +40,8 @@ from .formats import (
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from numpy.typing import NDArray
 
     from ..limits import Limits
     from ..reading.reader import Band
@@ -188,16 +193,17 @@ def opened(
     format: str | None = None,
     limits: Limits | None = None,
     progress: Advance | None = None,
+    store: Memory = MEMORY,
     **given: Any,
 ) -> Iterator[tuple[Format | None, Recording | Import, ReadOptions]]:
     """The same as its reader gives it, which may be a Recording, and the options for it. A .hapf
-    file is read whole, and its format is None."""
+    file is read whole, and its format is None. ``store``: where the samples are kept."""
     with _named(file), _source(file, limits) as source:
         chosen = _format_of(source, format)
         if chosen is None:
             yield None, _hapf(file, source, given, limits=limits), ReadOptions()
             return
-        options = _options(chosen, given, limits, progress)
+        options = replace(_options(chosen, given, limits, progress), store=store)
         yield chosen, _found(chosen, source, options), options
 
 
@@ -446,16 +452,18 @@ def save(
             else:
                 with atomic_write(path, force=force) as stream:
                     notes = write(recording, Destination(stream), options)
-    nans = [
-        c.label or str(i)
-        for i, c in enumerate(recording.channels)
-        if c.stored.dtype.kind == "f" and (c.stored != c.stored).any()
-    ]
+    nans = [c.label or str(i) for i, c in enumerate(recording.channels) if _has_nan(c.stored)]
     more = [f"NaN values of {', '.join(nans)} cannot be told from gaps there"] if nans else []
     made = [c.label or str(i) for i, c in enumerate(recording.channels) if c.synthetic]
     if made:
         more.append(f"the texture of {', '.join(made)} is synthetic, which the file does not tell")
     return (*notes, *more)
+
+
+def _has_nan(x: NDArray[Any]) -> bool:
+    found = x.dtype.kind == "f" and bool(np.isnan(x).any())
+    release()
+    return found
 
 
 def _written(path: Path | None, format: str | None) -> Format:

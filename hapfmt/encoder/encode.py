@@ -29,6 +29,7 @@ from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
 from ..reading.catalogue import TrackPair
 from ..reading.decoder import TrackDecoder
 from ..recording import Channel, Recording, Span
+from ..spool import Spool, release
 from ..threads import in_order, thread_count
 from .bitrate import fill
 from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
@@ -286,7 +287,8 @@ class Encoding:
         self.recording, self.progress = recording, progress
         originals = [as_recorded(channel) for channel in recording.channels]
         promises = promises_of(replace(recording, channels=tuple(originals)), settings)
-        searches = [LatticeSearch(channel.stored) for channel in originals]
+        store = Spool()
+        searches = [LatticeSearch(channel.stored, store=store) for channel in originals]
         heads, count = heads_of(recording, settings), len(recording)
         longest = settings.cluster_of(recording)
         self.job = EncodeJob(
@@ -354,6 +356,7 @@ class Encoding:
         decisions: list[Decision] = []
         for part in parts:
             decisions += decide(part, job.originals, self.recording)
+            release()
         decisions.sort(key=lambda each: each.channel)
         tracks, packets = number_tracks([part.unit for part in parts])
         exact = not any(decision.largest_error for decision in decisions)
@@ -392,6 +395,7 @@ def put_on_grids(
         found = on_grid(channel, asked, settings, search)
         load = load_of(found, search)
         search.forget()
+        found = found.kept(search.store)
         if asked.floor is settings.max_error and not found.promise.lossless:
             check_bound(channel, found, settings)
         return found, load
@@ -420,6 +424,7 @@ def encode_parts(
     steps, at = [], 0
     for members in groups:
         steps.append(step_of(members, prepared[at].promise, settings))
+        release()
         at += len(members)
 
     runs = list(find_runs(groups, steps))
@@ -434,6 +439,7 @@ def encode_parts(
         return list(encode_members(rows, links, first + at, job))
 
     for coded in in_order(code, zip(runs, starts, strict=False), job.threads):
+        release()
         for part in coded:
             yield part
             done(part.stop)
@@ -511,12 +517,15 @@ def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUn
             double and 8 * part.unit.size > COSTLY * channel.stored.size
             for part, channel, double in zip(run, channels, doubles, strict=True)
         ]
+        if len(run) == 1 or not any(costly):
+            yield from run
+            continue
         # From what is constant no channel follows.
         columns = [
             channel.stored if double else np.zeros(channel.stored.size)
             for channel, double in zip(channels, doubles, strict=True)
         ]
-        found = find_relations(columns, costly) if len(run) > 1 and any(costly) else []
+        found = find_relations(columns, costly)
         at = 0
         for start, stop in stretches(found):
             yield from run[at:start]
@@ -576,6 +585,7 @@ def related(
 def has_doubles(part: PlacedUnit, job: EncodeJob) -> bool:
     """Whether these are the doubles of one channel, such as a track of several may hold."""
     channel = job.originals[part.first]
+    release()
     return (
         channel.stored.dtype == np.float64
         and bool(np.isfinite(channel.stored).all())

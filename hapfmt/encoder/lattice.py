@@ -30,6 +30,7 @@ from ..kernels import compiled
 from ..limits import EXACT_LIMIT, SINGLE_MAX
 from ..reading.verifier import nearest_counts, physical_of
 from ..recording import Calibration, Channel, Deviation
+from ..spool import MEMORY, Memory
 from .plan import without_glitches
 from .rational import (
     SMALL,
@@ -122,6 +123,9 @@ COUNT_BITS = 32
 PLAIN_DENOMINATOR = 10**10
 """If a denominator up to this one fits, no common step is searched. Two values without a common
 grid share a denominator only from about 2**36 on."""
+
+SLICE = 1 << 16
+"""Samples that are looked at together: they stay in the cache."""
 
 SPARSE = 16
 """An exact grid with this many times the range of a natural one comes from the text format of the
@@ -259,16 +263,19 @@ class Facts(NamedTuple):
 class LatticeSearch:
     """The grids of some values. Each search runs once; its result is kept.
 
-    ``given``: [sample_count], any numbers. Counts have at most ``bits`` bits. The exact grid, the
-    natural step and the few values that are searched are kept. ``values`` are kept until
-    ``forget``.
+    ``given``: [sample_count], any numbers. Counts have at most ``bits`` bits. The exact grid, with
+    its counts in ``store``, the natural step and the few values that are searched are kept.
+    ``values`` are kept until ``forget``.
     """
 
-    def __init__(self, values: NDArray[np.generic], bits: int = COUNT_BITS) -> None:
+    def __init__(
+        self, values: NDArray[np.generic], bits: int = COUNT_BITS, store: Memory = MEMORY
+    ) -> None:
         if not 2 <= bits <= COUNT_BITS:
             raise ParameterError(f"counts have 2 to {COUNT_BITS} bits, not {bits}")
         self.given = values
         self.bits = bits
+        self.store = store
         self._steps: dict[bool, Steps | None] = {}
 
     @cached_property
@@ -351,7 +358,7 @@ class LatticeSearch:
         if found is None:
             return "no common step"
         near, counts = found
-        return lattice_of(near, counts, f"exact: {near.how}", exact=True)
+        return lattice_of(near, self.store.kept(counts), f"exact: {near.how}", exact=True)
 
     def exact_among(self, u: NDArray[np.float64]) -> Near | None:
         """The same for sorted distinct values."""
@@ -465,7 +472,8 @@ def sparse(counts: NDArray[Any]) -> bool:
     if extent < SPARSE or extent >= SPARSE * counts.size:
         return extent >= SPARSE
     seen = np.zeros(extent + 1, np.bool_)
-    seen[np.subtract(counts, low, dtype=np.int64)] = True
+    for at in range(0, counts.size, SLICE):
+        seen[np.subtract(counts[at : at + SLICE], low, dtype=np.int64)] = True
     return extent >= SPARSE * int(np.count_nonzero(seen))
 
 

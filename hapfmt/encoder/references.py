@@ -37,6 +37,7 @@ from ..format.cluster import Packet
 from ..limits import ZERO_LIMIT
 from ..numbers import clamp, rdiv
 from ..recording import Channel, Span
+from ..spool import release
 from .bounded import contract_for, error_of
 from .gridded import nearest_uniform
 from .knots import Coded
@@ -308,6 +309,7 @@ class SampleView:
     def indices(self, channel: Channel, step: int) -> Indices:
         """Put together without jumps, where that keeps them within what an index may be."""
         counts = channel.stored[self.places].astype(np.int64)
+        release()
         x = nearest_uniform(counts, LpcParameters(step))
         moves = np.diff(x, prepend=x[0])
         moves[self.torn] = 0

@@ -30,6 +30,7 @@ from ..limits import Limits
 from ..numbers import counted
 from ..numbers import exact as exact_number
 from ..recording import Event, Recording, observed_between, refuse_past_end
+from ..spool import MEMORY, Memory
 from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
 from .damage import DamageReport, LostSpan, damaged_areas, lost_within
@@ -309,6 +310,7 @@ class Reader(Closing):
         exact: bool = True,
         clocks: bool = True,
         progress: Callable[[int, int], None] | None = None,
+        store: Memory = MEMORY,
     ) -> Recording:
         """The recording, or some of its channels, seconds [start, stop) and one band of it.
 
@@ -318,7 +320,8 @@ class Reader(Closing):
         The clocks of a track refer to the first of the chosen channels that it holds. A part in
         time has the observations at start <= time < stop; ticks and maps stay as they are.
         ``clocks=False`` leaves clocks out. They may be anywhere in the file, so a part of a remote
-        file then needs fewer requests.
+        file then needs fewer requests. A :class:`hapfmt.spool.Spool` as ``store`` keeps the samples
+        on the disk.
         """
         if band not in BANDS:
             raise ParameterError(f"band is one of {', '.join(BANDS)}")
@@ -326,7 +329,9 @@ class Reader(Closing):
             self.scan()
         catalogue = self.catalogue
         chosen = self.select(channels)
-        assembly = self.assembly(chosen, start, stop, band=band, exact=exact, progress=progress)
+        assembly = self.assembly(
+            chosen, start, stop, band=band, exact=exact, progress=progress, store=store
+        )
         events = assembly.events()
         if start is not None and self._layers:
             lost = self.lost
@@ -336,8 +341,9 @@ class Reader(Closing):
         if self.catalogue is not catalogue:
             # The index was false: other channels may be there.
             return self.read(
-                channels, start, stop, band=band, exact=exact, clocks=clocks, progress=progress
-            )
+                channels, start, stop, band=band, exact=exact, clocks=clocks, progress=progress,
+                store=store,
+            )  # fmt: skip
         head = self.catalogue.head
         own: dict[int | str | None, int] = {}
         for place, ref in enumerate(chosen):
@@ -368,10 +374,11 @@ class Reader(Closing):
         band: Band = "full",
         exact: bool = True,
         progress: Callable[[int, int], None] | None = None,
+        store: Memory = MEMORY,
     ) -> Assembly:
         """The decoded parts of some channels, before they are put together."""
         wanted = wanted_tracks(chosen, band)
-        decoded = {track.id: Decoded(track) for track in wanted}
+        decoded = {track.id: Decoded(track, store) for track in wanted}
         samples = 0
         assembly = Assembly(decoded, band)
         digests = None
