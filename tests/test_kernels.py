@@ -176,6 +176,13 @@ class TestSearch:
             data = assert_same(predict.encode_best, row, EFFORTS[effort])
             assert decode_indices(data, row.size, INDEX_LIMIT, 0).tolist() == row.tolist()
 
+    @given(st.integers(0, 9), st.sampled_from([1, 300, 10**7]))
+    def test_cuts(self, seed, width):
+        rng = np.random.default_rng(seed)
+        x = rng.integers(-width, width + 1, 20_000 + seed)
+        x[: 9000 + seed] = x[: 9000 + seed].cumsum()
+        assert_same(predict.best_cuts, x % 2**30)
+
     @given(st.lists(st.integers(-127, 127), max_size=32).map(tuple))
     def test_step_up(self, ks):
         assert_same(lambda: Predictor(reflections=ks).coefficients)
@@ -214,6 +221,8 @@ class TestSearch:
                 row[at] = value
             with pytest.raises(ValueError, match="not indices"):
                 compiled.encode_packet(*row)
+        with pytest.raises(ValueError, match="not indices"):
+            compiled.find_cuts(given(3), given(128, np.int32), given(127, np.float64), given(15))
         for indices in (given(0), given(3) + 2**33):
             with pytest.raises(ValueError, match="not indices"):
                 compiled.polynomial_bits(indices)

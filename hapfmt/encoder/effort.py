@@ -51,6 +51,12 @@ class Effort:
     written: int = 1
     """Packets that are written, for the smallest to stay."""
 
+    transform: bool = True
+    """A texture is tried by MDCT too."""
+
+    lines: bool = False
+    """A texture without silent stretches is tried after lines for its slow part too."""
+
     @property
     def highest(self) -> int:
         """The highest order of a predictor."""
@@ -78,10 +84,10 @@ EFFORTS: dict[EffortName, Effort] = {
         polynomials=False,
     ),
     "default": Effort(),
-    "best": Effort(every_form=True, every_sample=True, other_orders=True, written=6),
+    "best": Effort(every_form=True, every_sample=True, other_orders=True, written=6, lines=True),
 }
 
-SEARCHES = tuple(field.name for field in fields(Effort))
+SEARCHES = tuple(field.name for field in fields(Effort) if field.type == "bool")
 
 
 @contextmanager
@@ -90,7 +96,7 @@ def without(search: str) -> Iterator[None]:
     known = dict(EFFORTS)
     try:
         for name, effort in known.items():
-            EFFORTS[name] = replace(effort, **{search: type(getattr(effort, search))()})
+            EFFORTS[name] = replace(effort, **{search: False})
         yield
     finally:
         EFFORTS.update(known)

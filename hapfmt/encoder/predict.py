@@ -15,11 +15,12 @@ there, so that each sample is read once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import inf, pi, sin
+from math import frexp, inf, pi, sin, sqrt
+from operator import mul
 
 import numpy as np
 from numpy.typing import NDArray
@@ -220,13 +221,10 @@ class Choice:
     def products(self, x: NDArray[np.float64]) -> list[float]:
         """Sums of x[i] * x[i - lag], part by part: rounded sums have one order."""
         highest = self.effort.highest
-        past = np.concatenate((np.zeros(highest), x, np.zeros(-x.size % PART)))
+        past = np.concatenate((np.zeros(highest), x))
         now = past[highest:]
-        found = []
-        for lag in range(highest + 1):
-            products = (now * past[highest - lag : past.size - lag]).reshape(self.parts, PART)
-            found.append(float(np.cumsum(np.cumsum(products, axis=1)[:, -1])[-1]))
-        return found
+        lags = range(highest + 1)
+        return [in_parts(now * past[highest - lag : past.size - lag]) for lag in lags]
 
     def measured(self, way: Way) -> Way:
         """With the bits of the parts that are looked at."""
@@ -357,19 +355,14 @@ def logs(v: Indices) -> Indices:
     return np.asarray(256 * lg + (mantissa & 255))
 
 
-Sums = NDArray[np.float64]
+SHORTEST_CUT, PIECES = 4096, 16
+"""Samples of the shortest packet that is cut off; most packets."""
 
-SHORTEST_CUT = 4096
-"""Samples of the shortest packet that is cut off."""
+CUT_BITS = 496
+"""Bits that a cut must save: a row of 12 bytes, the first states, averages that start from one
+byte."""
 
-PACKET_BITS = 400
-"""Fixed cost of a packet: its row in the table of its cluster, its first states, and averages that
-start from one byte (30 to 40 bytes, measured)."""
-
-ROW = 12
-"""Bytes of a row in the table of its cluster."""
-
-CUT_ORDERS = (0, 1, 2, 8, 20, ORDER_LIMIT)
+CUT_ORDERS = (0, 1, 2, 4, 8, 11)
 
 SPREAD = 3.8
 """Errors of this many counts and more take a bit each time they double: 5.4 times the mean of a
@@ -377,34 +370,28 @@ Laplacian distribution, by its deviation."""
 
 
 def fitting_packets(
-    span: Span, indices: Indices, code: Callable[[slice], bytes]
+    span: Span, indices: Indices, code: Callable[[slice], bytes], *, cuts: bool = True
 ) -> Iterator[tuple[Span, bytes]]:
     """The packet of a span, or several that are smaller together; ``code`` makes one of a part."""
-    whole = code(slice(0, span.ticks))
-    edges = [*best_cuts(indices), span.ticks]
-    packets = [code(slice(a, b)) for a, b in pairwise(edges)] if len(edges) > 2 else [whole]
-    if sum(map(len, packets)) + ROW * (len(packets) - 1) >= len(whole):
-        yield span, whole
-        return
-    for (a, b), packet in zip(pairwise(edges), packets, strict=True):
-        yield Span(span.start + a, span.start + b), packet
+    edges = [*(best_cuts(indices) if cuts else [0]), span.ticks]
+    for a, b in pairwise(edges):
+        yield Span(span.start + a, span.start + b), code(slice(a, b))
 
 
 def best_cuts(indices: Indices) -> list[int]:
     """Where packets begin that take few bits: of the shortest ones those neighbours become one
     that save most by that, until none does."""
-    count = indices.size // SHORTEST_CUT
-    if count < 2 or (indices == indices[0]).all():
+    count = min(indices.size // SHORTEST_CUT, PIECES)
+    if count < 2:
         return [0]
-    edges = [indices.size * k // count for k in range(count + 1)]
-    views = [PieceSums(indices, edges, order) for order in (0, 1)]
-
-    def cost(first: int, stop: int) -> float:
-        return min(view.bits(first, stop) for view in views) + PACKET_BITS
-
+    plain = np.ascontiguousarray(indices, np.int64)
+    if compiled is not None:
+        found = np.zeros(PIECES, np.int64)
+        return list(found[: compiled.find_cuts(plain, TABLE, LIMITS, found)].tolist())
+    pieces = Pieces(plain, [plain.size * k // count for k in range(count + 1)])
     starts = list(range(count + 1))
-    costs = [cost(k, k + 1) for k in range(count)]
-    joint = [cost(k, k + 2) for k in range(count - 1)]
+    costs = [pieces.bits(k, k + 1)[0] for k in range(count)]
+    joint = [pieces.bits(k, k + 2)[0] for k in range(count - 1)]
     while joint:
         least, place = min((joint[k] - costs[k] - costs[k + 1], k) for k in range(len(joint)))
         if least >= 0:
@@ -413,62 +400,72 @@ def best_cuts(indices: Indices) -> list[int]:
         del starts[place + 1], joint[place]
         for k in (place - 1, place):
             if 0 <= k < len(joint):
-                joint[k] = cost(starts[k], starts[k + 2])
-    return [edges[k] for k in starts[:-1]]
+                joint[k] = pieces.bits(starts[k], starts[k + 2])[0]
+    return [pieces.edges[k] for k in starts[:-1]]
 
 
-class PieceSums:
-    """The differences of one order, piece by piece: sums of products, lag 0 to 32, and how much a
-    piece counts where a predictor serves several."""
+class Pieces:
+    """Sums of products of first differences, piece by piece, and how much a piece counts where a
+    predictor serves several."""
 
-    def __init__(self, indices: Indices, edges: Sequence[int], order: int) -> None:
-        base = int(indices[0]) if order else int(np.floor(indices.mean() + 0.5))
-        y = differences(indices - base, order)
-        shift = max(int(np.abs(y).max()).bit_length() - SCALED_BITS, 0)
-        y >>= shift
-        pieces = pairwise(edges)
-        rows = [autocorrelations(np.ascontiguousarray(y[a:b]), 0, 0) for a, b in pieces]
-        self.order, self.scale = order, 4.0**shift
-        self.sizes = np.diff(edges).astype(np.float64)
-        self.sums: Sums = np.array(rows, np.float64)
-        self.found: dict[tuple[int, int], tuple[float, float]] = {}
-        self.weights = np.ones(len(rows))
-        self.weights = np.array([1 / self.best(k, k + 1)[1] for k in range(len(rows))])
+    def __init__(self, indices: Indices, edges: list[int]) -> None:
+        self.edges, self.sizes = edges, np.diff(edges).tolist()
+        lags = CUT_ORDERS[-1] + 1
+        self.sums: list[list[float]] = []
+        for a, b in pairwise(edges):
+            x = np.diff(indices[a:b], prepend=indices[a]).astype(np.float64)
+            past = np.concatenate((np.zeros(lags), x))
+            shifted = (past[lags - lag : past.size - lag] for lag in range(lags))
+            self.sums.append([in_parts(x * then) for then in shifted])
+        self.weights = [1.0] * len(self.sizes)
+        energies = [self.bits(k, k + 1)[1] for k in range(len(self.sizes))]
+        self.weights = [n / e for n, e in zip(self.sizes, energies, strict=True)]
 
-    def bits(self, first: int, stop: int) -> float:
-        return self.best(first, stop)[0]
-
-    def best(self, first: int, stop: int) -> tuple[float, float]:
-        """Bits of one packet of these pieces, and the energy of its errors."""
-        # One piece counts as much whatever its weight is.
-        if (first, stop) not in self.found:
-            self.found[first, stop] = self.weighed(first, stop)
-        return self.found[first, stop]
-
-    def weighed(self, first: int, stop: int) -> tuple[float, float]:
-        sums, sizes = self.sums[first:stop], self.sizes[first:stop]
-        weights = self.weights[first:stop] / self.weights[first:stop].max()
-        mixed = (weights[:, None] * sums).sum(axis=0).tolist()
-        rounding = (weights * sizes).sum() / self.scale
-        reflections, _ = levinson(mixed, float(rounding), ORDER_LIMIT)
-        filters = []
+    def bits(self, first: int, stop: int) -> tuple[float, float]:
+        """Those of one packet of these pieces, and the energy of its errors."""
+        mixed, noise = [0.0] * (ORDER_LIMIT + 1), 0.0
+        for k in range(first, stop):
+            for lag, value in enumerate(self.sums[k]):
+                mixed[lag] += self.weights[k] * value
+            noise += self.weights[k] * self.sizes[k]
+        mixed[0] = mixed[0] * (1 + NOISE) + noise / 12
+        reflections, _ = recursion(mixed, CUT_ORDERS[-1])
+        found = []
         for order in CUT_ORDERS:
-            c = Predictor(self.order, tuple(reflections[:order])).coefficients
+            c = Predictor(1, tuple(reflections[:order])).coefficients
             if order > len(reflections) or c is None:
                 break
-            # The energy of errors is that of the samples, weighed by the products of the filter.
-            taps = np.array([-(1 << SHIFT), *c])
-            products = np.zeros(ORDER_LIMIT + 1)
-            products[: order + 1] = np.correlate(taps, taps, "full")[order:] / (1 << 2 * SHIFT)
-            filters.append(products)
-        table = np.array(filters)
-        table[:, 1:] *= 2
-        # Lag after lag, in this order: any machine finds the same.
-        energy = (table.T[:, :, None] * sums.T[:, None, :]).sum(axis=0)
-        energy = np.maximum(energy * self.scale, 0) + sizes / 12
-        bits = (sizes * np.log2(1 + SPREAD * np.sqrt(energy / sizes))).sum(axis=1).tolist()
-        totals = energy.sum(axis=1).tolist()
-        return min(
-            (each + COEFFICIENT_COST * order, total)
-            for each, order, total in zip(bits, CUT_ORDERS, totals, strict=False)
-        )
+            a = [1.0, *(-each / (1 << SHIFT) for each in c)]
+            products = [(1 + (lag > 0)) * sum_of(map(mul, a, a[lag:])) for lag in range(order + 1)]
+            bits, total = float(COEFFICIENT_COST * order), 0.0
+            for n, own in zip(self.sizes[first:stop], self.sums[first:stop], strict=True):
+                energy = max(sum_of(map(mul, products, own)), 0.0) + n / 12
+                bits += n * log_2(1 + SPREAD * sqrt(energy / n))
+                total += energy
+            found.append((bits, total))
+        bits, energy = min(found, key=lambda each: each[0])
+        return bits + CUT_BITS, energy
+
+
+def sum_of(numbers: Iterable[float]) -> float:
+    """One after the other; sum() may round otherwise."""
+    total = 0.0
+    for number in numbers:
+        total += number
+    return total
+
+
+def in_parts(products: NDArray[np.float64]) -> float:
+    """Their sum, part by part: rounded sums have one order."""
+    padded = np.concatenate((products, np.zeros(-products.size % PART))).reshape(-1, PART)
+    return float(np.cumsum(np.cumsum(padded, axis=1)[:, -1])[-1])
+
+
+def log_2(v: float) -> float:
+    """The logarithm that every machine has."""
+    m, power = frexp(v)
+    root = 0.7071067811865476
+    t = (m - root) / (m + root)
+    q = t * t
+    rest = 1 + q * (1.0 / 3 + q * (1.0 / 5 + q * (1.0 / 7 + q / 9)))
+    return power - 0.5 + 2.8853900817779268 * (t * rest)

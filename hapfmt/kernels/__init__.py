@@ -8,7 +8,8 @@ sweep, links, quick, lattice, trellis and vectors.
 That of split.py is sections.
 Shared headers: coder.h, integers.h, coded.h and flags.h implement SPEC 9.4, each on top of the one
 before.
-lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
+lpcr.h implements 9.5, components.h its packets, search.h its predictors, lines.h the counts
+between knots.
 """
 
 from __future__ import annotations
@@ -43,6 +44,28 @@ class CompiledLoop(Protocol):
         indices: Buffer,
         /,
     ) -> tuple[int, int]: ...
+
+
+class PacketDecode(Protocol):
+    """(packet, components, largest index, step, zero, magnitudes of a deadband's grid int64 or
+    none, least and largest count, sines int32 [128], counts int32 [components, ticks]) -> 0 where
+    it breaks a rule, 1 where all counts lie within the range, 2 where some were moved into it; the
+    last argument is filled."""
+
+    def __call__(
+        self,
+        packet: Buffer,
+        components: int,
+        limit: int,
+        step: int,
+        zero: int,
+        levels: Buffer,
+        low: int,
+        high: int,
+        sines: Buffer,
+        counts: Buffer,
+        /,
+    ) -> int: ...
 
 
 class FewestHold(Protocol):
@@ -249,8 +272,8 @@ class TransformEncode(Protocol):
 
 class Trellis(Protocol):
     """(targets int64 [blocks, coefficients], coefficients, classes, start, weight, magnitudes int64
-    [blocks, coefficients], counts int64 [2, 36, 16]) -> squared errors, and bits times the weight;
-    the last two are filled, the last one from zeros."""
+    [blocks, coefficients], counts int64 [2, 36, 16]) -> (squared errors, 256 times the
+    bits); the last two are filled, the last one from zeros."""
 
     def __call__(
         self,
@@ -262,7 +285,7 @@ class Trellis(Protocol):
         magnitudes: Buffer,
         counts: Buffer,
         /,
-    ) -> int: ...
+    ) -> tuple[int, int]: ...
 
 
 class EncodePacket(Protocol):
@@ -324,6 +347,8 @@ class Kernels(Protocol):
     @property
     def lpcr_decode(self) -> CompiledLoop: ...
     @property
+    def lpcr_packet(self) -> PacketDecode: ...
+    @property
     def lpcr_encode(self) -> CompiledLoop: ...
 
     def lpcr_errors(
@@ -359,6 +384,16 @@ class Kernels(Protocol):
     def exact_decode(self) -> CorrectionLoop: ...
     @property
     def exact_encode(self) -> CorrectionLoop: ...
+    def exact_packet(
+        self,
+        rest: Buffer,
+        parameters: Buffer,
+        calibrations: Buffer,
+        counts: Buffer,
+        values: Buffer,
+        /,
+    ) -> bool: ...
+
     @property
     def coded_knots_decode(self) -> CodedKnotsDecode: ...
     @property
@@ -385,6 +420,10 @@ class Kernels(Protocol):
     def clamp_counts(
         self, numbers: Buffer, step: int, zero: int, low: int, high: int, counts: Buffer, /
     ) -> None: ...
+
+    def find_cuts(
+        self, indices: Buffer, sines: Buffer, limits: Buffer, starts: Buffer, /
+    ) -> int: ...
 
     def polynomial_bits(self, indices: Buffer, /) -> float: ...
 

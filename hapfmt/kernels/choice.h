@@ -3,6 +3,8 @@
 #ifndef HAPFMT_CHOICE_H
 #define HAPFMT_CHOICE_H
 
+#include <math.h>
+
 #include "search.h"
 
 enum { PART = 64, FRONT = 40, COSTED = 32, POLYNOMIALS = 5, SETS = 4, WAYS = 24, TOGETHER = 12 };
@@ -342,6 +344,138 @@ static int is_wide(void) { return __builtin_cpu_supports("avx2"); }
 #define errors_wide errors_plain
 static int is_wide(void) { return 0; }
 #endif
+
+/* ---- where packets are cut ---- */
+
+enum { SHORTEST_CUT = 4096, PIECES = 16, CUT_ORDER = 11, CUT_LAGS = CUT_ORDER + 1, CUTS_TRIED = 6 };
+/* Bits that a cut must save: a row of 12 bytes, the first states, averages that start from one byte. */
+enum { CUT_BITS = 496 };
+
+/* The pieces of a packet: samples, sums of products of first differences, and what each counts. */
+typedef struct {
+    int pieces;
+    int64_t edges[PIECES + 1];
+    double sums[PIECES][CUT_LAGS], weights[PIECES];
+} cutting;
+
+static double log_2(double v)
+{
+    const double root = 0.7071067811865476;
+    int power;
+    double m = frexp(v, &power), t = (m - root) / (m + root), q = t * t;
+    double rest = 1 + q * (1.0 / 3 + q * (1.0 / 5 + q * (1.0 / 7 + q / 9)));
+    return power - 0.5 + 2.8853900817779268 * (t * rest);
+}
+
+INLINE void sum_pieces(const int64_t *indices, cutting *c)
+{
+    double x[FRONT + PART];
+    for (int k = 0; k < c->pieces; k++) {
+        int64_t last = indices[c->edges[k]];
+        memset(x, 0, sizeof x);
+        for (int64_t from = c->edges[k]; from < c->edges[k + 1]; from += PART) {
+            int64_t rest = c->edges[k + 1] - from, n = rest < PART ? rest : PART;
+            for (int64_t i = 0; i < n; i++) {
+                x[FRONT + i] = (double)(indices[from + i] - last);
+                last = indices[from + i];
+            }
+            add_products(x + FRONT, n, CUT_LAGS, c->sums[k]);
+            memmove(x, x + n, FRONT * sizeof *x);
+        }
+    }
+}
+
+static void sum_pieces_plain(const int64_t *indices, cutting *c) { sum_pieces(indices, c); }
+
+#ifdef WIDE
+WIDE(void) sum_pieces_wide(const int64_t *indices, cutting *c) { sum_pieces(indices, c); }
+#else
+#define sum_pieces_wide sum_pieces_plain
+#endif
+
+/* Bits of one packet of these pieces; *energy: that of its errors. */
+static double bits_together(const cutting *c, int first, int stop, const int32_t *sines,
+                            const double *limits, double *energy)
+{
+    static const int tried[CUTS_TRIED] = {0, 1, 2, 4, 8, CUT_ORDER};
+    double r[LAGS] = {0}, energies[ORDERS], noise = 0, least = 0;
+    int8_t found[ORDERS];
+    int32_t taps[ORDERS];
+    for (int k = first; k < stop; k++) {
+        for (int lag = 0; lag < CUT_LAGS; lag++) r[lag] += c->weights[k] * c->sums[k][lag];
+        noise += c->weights[k] * (double)(c->edges[k + 1] - c->edges[k]);
+    }
+    r[0] = r[0] * (1 + 1e-9) + noise / 12;
+    int there = levinson(r, CUT_ORDER, limits, found, energies);
+    for (int at = 0; at < CUTS_TRIED && tried[at] <= there; at++) {
+        int order = tried[at];
+        double a[CUT_LAGS + 1] = {1}, products[CUT_LAGS], bits = COEFFICIENT_COST * order, all = 0;
+        if (!step_up(found, order, sines, taps)) break;
+        for (int j = 0; j < order; j++) a[j + 1] = -(double)taps[j] / (1 << SHIFT);
+        for (int lag = 0; lag <= order; lag++) {
+            products[lag] = 0;
+            for (int j = 0; j + lag <= order; j++) products[lag] += a[j] * a[j + lag];
+            if (lag) products[lag] *= 2;
+        }
+        for (int k = first; k < stop; k++) {
+            double n = (double)(c->edges[k + 1] - c->edges[k]), left = 0;
+            for (int lag = 0; lag <= order; lag++) left += products[lag] * c->sums[k][lag];
+            left = (left > 0 ? left : 0) + n / 12;
+            bits += n * log_2(1 + 3.8 * sqrt(left / n));
+            all += left;
+        }
+        if (!at || bits < least) {
+            least = bits;
+            *energy = all;
+        }
+    }
+    return least + CUT_BITS;
+}
+
+/* Where packets begin that take few bits: of the shortest ones those neighbours become one that save most
+   by that, until none does. starts [PIECES]: how many. */
+static int find_cuts(const int64_t *indices, int64_t count, const int32_t *sines, const double *limits,
+                     int64_t *starts)
+{
+    cutting c = {0};
+    double costs[PIECES], joint[PIECES], energy = 1;
+    int left[PIECES + 2];
+    c.pieces = count / SHORTEST_CUT < PIECES ? (int)(count / SHORTEST_CUT) : PIECES;
+    starts[0] = 0;
+    if (c.pieces < 2) return 1;
+    for (int k = 0; k <= c.pieces; k++) {
+        c.edges[k] = count * k / c.pieces;
+        left[k] = k;
+    }
+    left[c.pieces + 1] = c.pieces;
+    if (is_wide()) sum_pieces_wide(indices, &c);
+    else sum_pieces_plain(indices, &c);
+    for (int k = 0; k < c.pieces; k++) {
+        c.weights[k] = 1;
+        costs[k] = bits_together(&c, k, k + 1, sines, limits, &energy);
+        c.weights[k] = (double)(c.edges[k + 1] - c.edges[k]) / energy;
+    }
+    int n = c.pieces;
+    for (int k = 0; k + 1 < n; k++) joint[k] = bits_together(&c, k, k + 2, sines, limits, &energy);
+    while (n > 1) {
+        int best = 0;
+        for (int k = 1; k + 1 < n; k++)
+            if (joint[k] - costs[k] - costs[k + 1] < joint[best] - costs[best] - costs[best + 1]) best = k;
+        if (joint[best] - costs[best] - costs[best + 1] >= 0) break;
+        costs[best] = joint[best];
+        for (int k = best + 1; k + 1 < n; k++) {
+            costs[k] = costs[k + 1];
+            joint[k - 1] = joint[k];
+        }
+        for (int k = best + 1; k < n; k++) left[k] = left[k + 1];
+        n--;
+        for (int k = best - 1; k <= best; k++)
+            if (k >= 0 && k + 1 < n)
+                joint[k] = bits_together(&c, left[k], left[k + 2], sines, limits, &energy);
+    }
+    for (int k = 0; k < n; k++) starts[k] = c.edges[left[k]];
+    return n;
+}
 
 /* Prediction errors where doubles have them exactly; whether they do. */
 static int exact_errors(const search *s, const way *w, int64_t *errors)

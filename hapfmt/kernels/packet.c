@@ -7,8 +7,6 @@
 #pragma GCC diagnostic ignored "-Wunused-function"
 #endif
 
-#include <math.h>
-
 #include "choice.h"
 
 enum { HEADER = 2 + ORDERS + 10, CONSTANT = 16, REPEATS = 8 };
@@ -126,6 +124,25 @@ static int encode_all(search *s, const int32_t *sines, const double *limits, pac
     return status;
 }
 
+/* Whether these are tables of sines and of the limits between reflection coefficients. */
+static int are_tables(const Py_buffer *sines, const Py_buffer *limits)
+{
+    int fits = whole(sines, 4) && sines->len == 4 * 128 && whole(limits, 8) && limits->len == 8 * 127;
+    for (int i = 0; fits && i < 128; i++) {
+        int32_t sine = ((int32_t *)sines->buf)[i];
+        fits = sine >= 0 && sine < 32768;
+    }
+    return fits;
+}
+
+/* Whether these are indices of a packet. */
+static int is_row(const Py_buffer *indices)
+{
+    int64_t count = indices->len / 8;
+    return whole(indices, 8) && count && count < (int64_t)1 << 29 &&
+           within(indices->buf, count, INDEX_LIMIT);
+}
+
 /* (indices int64, sines int32 [128], limits float64 [127], highest order, stride, sets, whether other
    orders are tried, packets written) -> the packet */
 static PyObject *encode_packet(PyObject *self, PyObject *args)
@@ -139,14 +156,9 @@ static PyObject *encode_packet(PyObject *self, PyObject *args)
     PyObject *result = NULL;
     s.indices = indices.buf;
     s.count = indices.len / 8;
-    int fits = whole(&indices, 8) && s.count && whole(&sines, 4) && sines.len == 4 * 128 &&
-               whole(&limits, 8) && limits.len == 8 * 127 && s.how.orders >= 0 && s.how.orders <= ORDERS &&
-               s.how.stride > 0 && s.how.stride <= 64 && !(s.how.sets >> SETS) && s.how.written > 0 &&
-               s.count < (int64_t)1 << 29 && within(s.indices, s.count, INDEX_LIMIT);
-    for (int i = 0; fits && i < 128; i++) {
-        int32_t sine = ((int32_t *)sines.buf)[i];
-        fits = sine >= 0 && sine < 32768;
-    }
+    int fits = is_row(&indices) && are_tables(&sines, &limits) && s.how.orders >= 0 &&
+               s.how.orders <= ORDERS && s.how.stride > 0 && s.how.stride <= 64 &&
+               !(s.how.sets >> SETS) && s.how.written > 0;
     if (!fits)
         PyErr_SetString(PyExc_ValueError, "not indices that a packet holds, or not a search");
     else {
@@ -199,8 +211,7 @@ static PyObject *polynomial_bits_(PyObject *self, PyObject *args)
     Py_buffer indices;
     int64_t bits = -2;
     if (!PyArg_ParseTuple(args, "y*", &indices)) return NULL;
-    if (whole(&indices, 8) && indices.len && indices.len >> 32 == 0 &&
-        within(indices.buf, indices.len / 8, INDEX_LIMIT)) {
+    if (is_row(&indices)) {
         Py_BEGIN_ALLOW_THREADS
         bits = polynomial_bits(indices.buf, indices.len / 8);
         Py_END_ALLOW_THREADS
@@ -210,7 +221,29 @@ static PyObject *polynomial_bits_(PyObject *self, PyObject *args)
     return PyFloat_FromDouble(bits < 0 ? HUGE_VAL : (double)bits);
 }
 
+/* (indices int64, sines int32 [128], limits float64 [127], starts int64 [16]) -> how many packets are
+   smaller than one */
+static PyObject *find_cuts_(PyObject *self, PyObject *args)
+{
+    (void)self;
+    Py_buffer indices, sines, limits, starts;
+    int found = 0;
+    if (!PyArg_ParseTuple(args, "y*y*y*w*", &indices, &sines, &limits, &starts)) return NULL;
+    if (is_row(&indices) && are_tables(&sines, &limits) && whole(&starts, 8) && starts.len == 8 * PIECES) {
+        Py_BEGIN_ALLOW_THREADS
+        found = find_cuts(indices.buf, indices.len / 8, sines.buf, limits.buf, starts.buf);
+        Py_END_ALLOW_THREADS
+    }
+    PyBuffer_Release(&indices);
+    PyBuffer_Release(&sines);
+    PyBuffer_Release(&limits);
+    PyBuffer_Release(&starts);
+    if (!found) return PyErr_Format(PyExc_ValueError, "not indices that a packet holds");
+    return PyLong_FromLong(found);
+}
+
 PyMethodDef hapfmt_packet_methods[] = {
+    {"find_cuts", find_cuts_, METH_VARARGS, NULL},
     {"polynomial_bits", polynomial_bits_, METH_VARARGS, NULL},
     {"encode_packet", encode_packet, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
