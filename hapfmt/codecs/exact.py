@@ -223,7 +223,7 @@ LARGEST = np.int64((1 << 63) - 1)
 def ordered(doubles: Doubles) -> Counts:
     """Bit patterns as signed integers that grow with the value; -0.0 is -1, 0.0 is 0."""
     bits = np.ascontiguousarray(doubles, "<f8").view(np.int64)
-    return np.where(bits < 0, ~(bits & LARGEST), bits)
+    return np.asarray(bits ^ (bits >> 63 & LARGEST))
 
 
 def unordered(places: Counts) -> Doubles:
@@ -485,10 +485,12 @@ def corrections_of(source: Doubles, doubles: Doubles) -> Counts:
     """Steps from each double to that of the source; ValueError from 2^63 on."""
     x, y = ordered(source), ordered(doubles)
     corrections = x - y
-    # Wrapped around, or the one number without a positive twin.
-    far = ((x ^ y) & (x ^ corrections)) < 0
-    if far.any() or (corrections == np.iinfo(np.int64).min).any():
-        raise ValueError("a correction of 2^63 or more")
+    apart = x ^ y
+    if int(apart.min(initial=0)) < 0:
+        # Wrapped around, or the one number without a positive twin.
+        far = (apart & (x ^ corrections)) < 0
+        if far.any() or (corrections == np.iinfo(np.int64).min).any():
+            raise ValueError("a correction of 2^63 or more")
     return corrections
 
 

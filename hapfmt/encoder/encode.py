@@ -584,16 +584,16 @@ def related(
 
 def has_doubles(part: PlacedUnit, job: EncodeJob) -> bool:
     """Whether these are the doubles of one channel, such as a track of several may hold."""
-    channel = job.originals[part.first]
-    release()
+    if job.originals[part.first].stored.dtype != np.float64:
+        return False
+    facts = job.searches[part.first].facts
     return (
-        channel.stored.dtype == np.float64
-        and bool(np.isfinite(channel.stored).all())
+        facts.finite
         # Words of which one is larger than those of a binary grid may not; others do not come
         # near the largest double, where sums overflow.
         and (
             part.unit.base.track.number_format == "counts"
-            or float(np.abs(channel.stored).max(initial=0.0)) <= EXACT_LIMIT
+            or max(-facts.low, facts.high) <= EXACT_LIMIT
         )
     )
 

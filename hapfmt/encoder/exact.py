@@ -73,8 +73,9 @@ SMALLER, SMALLER_SHORT, LONGER, SHORT_OF = 0.98, 0.94, 1.03, 1.045
 take LONGER words (1.00 to 1.07 measured where they do not repeat). The estimate of a binary grid is
 multiplied by SHORT_OF (1.01 to 1.08 measured)."""
 
-RECALLED, SELDOM = 1024, 20
-"""Samples that tell whether counts repeat, half of them neighbours: in one of 20 at least."""
+RECALLED, SELDOM, RARE = 1024, 20, 2000
+"""Samples that tell whether counts repeat, half of them neighbours: in one of 20 at least. Fewer
+corrections than one in 2000 samples take less than a hundredth of a bit."""
 
 SURE, ROUNDED = 0.02, 0.4
 """Bits of a correction of one distinct value: a rule that leaves fewer is that of the logger. One
@@ -419,8 +420,11 @@ def beside_counts(coded: bytes, lacking: Lacking) -> bytes:
 
 
 def smallest_exact(lacking: Lacking) -> bytes:
-    """With recall or without; with it only where counts repeat in some of the samples."""
+    """With recall or without; with it only where counts repeat in some of the samples, and where
+    corrections are not rare."""
     half, counts = RECALLED // 2, lacking.counts
+    if RARE * np.count_nonzero(lacking.corrections) < counts.size:
+        return lacking.build(recall=False)
     counts = np.concatenate((counts[:half], counts[half :: 1 + counts.size // half]))
     seldom = SELDOM * (counts.size - np.unique(counts).size) < counts.size
     ways = (False,) if seldom else (False, True)
