@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from fractions import Fraction
-from math import floor, frexp, gcd, lcm, ldexp, log2
+from math import ceil, floor, frexp, gcd, lcm, ldexp, log2
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +30,9 @@ from ..recording import Calibration
 SMALLEST_COUNT, FIRST_COUNT = 256, 8
 """Smallest differences that are examined one by one. On the recordings a few settle the step.
 Values without a common step are given up after about three."""
+
+TERMS = 40
+"""Bound on the terms of a fraction: two of them at least double its denominator, twice."""
 
 STEP_ROUNDS = 128
 """Bound on passes over all positions. Each one doubles the reach or at least halves the step, and
@@ -96,6 +99,20 @@ def simplest(
         terms.append(whole)
         a, b, c, d = d, c - whole * d, b, a - whole * b
         low_in, high_in = high_in, low_in
+    n, m = first, 1
+    for term in reversed(terms):
+        n, m = term * n + m, n
+    return n, m
+
+
+def simplest_near(low: float, high: float) -> tuple[int, int]:
+    """The same from low > 0 to high, about, for ends that are known by eight ulp and more."""
+    terms: list[int] = []
+    first = ceil(low)
+    while first > high and len(terms) < TERMS:
+        terms.append(first - 1)
+        low, high = 1 / (high - terms[-1]), 1 / (low - terms[-1])
+        first = ceil(low)
     n, m = first, 1
     for term in reversed(terms):
         n, m = term * n + m, n
@@ -242,12 +259,7 @@ def _divide(
     times = round((low + high) / (a + b))
     if times >= 1 and low <= times * b and high >= times * a:
         return max(a, low / times), min(b, high / times)
-    # From low / b to high / a.
-    (n, m), (r, s) = low.as_integer_ratio(), b.as_integer_ratio()
-    (t, v), (w, z) = high.as_integer_ratio(), a.as_integer_ratio()
-    if n * s * v * w > t * z * m * r:
-        return None
-    p, q = simplest(n * s, m * r, t * z, v * w)
+    p, q = simplest_near(low / b, high / a)
     if not p:
         return None
     a, b = sorted((max(a / q, low / p), min(b / q, high / p)))
@@ -329,7 +341,10 @@ def dyadic(u: NDArray[np.float64]) -> Ratio | None:
 def decimal(u: NDArray[np.float64]) -> Ratio | None:
     """Exactly, with the fewest decimal places."""
     probes = u[:: max(1, u.size // PROBES)]
-    for places in range(1, PLACES + 1):
+    # The shortest text of a double tells how many places it needs at least.
+    texts = (Decimal(repr(value)) for value in probes[:: PROBES // 8].tolist())
+    least = max(-int(text.normalize().as_tuple().exponent) for text in texts)
+    for places in range(max(least, 1), PLACES + 1):
         if max(-u[0], u[-1]) * 10.0**places > EXACT_LIMIT:
             return None
         if _over(probes, 10**places) is not None:
@@ -502,9 +517,7 @@ def place(ratio: Ratio, bits: int) -> CalibratedCounts | None:
 def shortest_fraction(value: float) -> Fraction:
     """The simplest fraction that rounds to ``value`` > 0 in float64."""
     low, high, q, closed = _rounding_interval(value)
-    ratio = simplest_fraction(Fraction(low, q), Fraction(high, q), closed, closed)
-    assert ratio is not None  # the value itself lies inside
-    return ratio
+    return Fraction(*simplest(low, q, high, q, closed, closed))
 
 
 def _simplest_between(one: Fraction, other: Fraction) -> Fraction:
