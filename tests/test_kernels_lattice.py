@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from math import inf, nan
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins import built, by_the_twin
 
-from hapfmt.encoder import lattice
+from hapfmt.encoder import lattice, rational
 from hapfmt.encoder.lattice import Facts, nearest_within
 from hapfmt.limits import EXACT_LIMIT
 from hapfmt.recording import Calibration
@@ -89,3 +90,28 @@ def test_other_arrays_are_refused(given):
         lattice.compiled.nearest_within(1, 0, 1, 0.0, given[0], bytearray(given[1]))
     with pytest.raises(ValueError, match="not doubles"):
         lattice.compiled.double_facts(b"123")
+
+
+@st.composite
+def differences(draw):
+    """Multiples of a step, each known within some noise; or any."""
+    step = draw(st.floats(1e-6, 1e6))
+    times = draw(st.lists(st.integers(1, 10**6) | st.floats(0.01, 1e6), min_size=1, max_size=40))
+    noise = draw(st.sampled_from([1e-15, 1e-12, 1e-6, 0.01]))
+    exact = np.array(times, np.float64) * step
+    away = noise * max(step, 1e-9 * float(exact.max()))
+    return exact - away, exact + away, draw(st.sampled_from([0.0, 16 * away, step / 3]))
+
+
+@built
+@given(differences())
+def test_common_divisor(case):
+    assert rational._divisor(*case) == by_the_twin(rational, rational._divisor, *case)
+
+
+@given(st.fractions(0, 1000).filter(bool), st.floats(1e-9, 0.1))
+def test_the_simplest_fraction_of_doubles(middle, width):
+    low, high = float(middle) * (1 - width), float(middle) * (1 + width)
+    n, m = rational.simplest_near(low, high)
+    found = rational.simplest_fraction(Fraction(low), Fraction(high))
+    assert Fraction(n) / Fraction(m) == found

@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels import compiled
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..numbers import rdiv
 from ..recording import Calibration
@@ -105,15 +106,18 @@ def simplest(
     return n, m
 
 
-def simplest_near(low: float, high: float) -> tuple[int, int]:
-    """The same from low > 0 to high, about, for ends that are known by eight ulp and more."""
-    terms: list[int] = []
-    first = ceil(low)
-    while first > high and len(terms) < TERMS:
+def simplest_near(low: float, high: float) -> tuple[float, float]:
+    """The same from low > 0 to high, about, for ends that are known by eight ulp and more; 0 where
+    the interval is empty, or too far from 0 for that."""
+    if not low <= high < EXACT_LIMIT:
+        return 0.0, 1.0
+    terms: list[float] = []
+    first = float(ceil(low))
+    while EXACT_LIMIT > first > high and len(terms) < TERMS:
         terms.append(first - 1)
         low, high = 1 / (high - terms[-1]), 1 / (low - terms[-1])
-        first = ceil(low)
-    n, m = first, 1
+        first = float(ceil(low))
+    n, m = first, 1.0
     for term in reversed(terms):
         n, m = term * n + m, n
     return n, m
@@ -233,6 +237,9 @@ def _divisor(
     least: NDArray[np.float64], most: NDArray[np.float64], floor: float
 ) -> tuple[float, float] | None:
     """The common step of differences in [least, most], in this order."""
+    if compiled is not None:
+        least, most = np.ascontiguousarray(least), np.ascontiguousarray(most)
+        return compiled.common_divisor(least, most, floor)
     lows, highs = least.tolist(), most.tolist()
     a, b = lows[0], highs[0]
     for low, high in zip(lows, highs, strict=True):
