@@ -574,7 +574,9 @@ def related(
     units = [part.unit for part in parts]
     spans = job.spans(channels, numbers, (len(channels) + 1) // 2)
     own = [each.among(places) for each in found if each.target in places]
-    joint = encode_linear(channels, [columns[a] for a in places], units, own, numbers, spans)
+    joint = encode_linear(
+        channels, [columns[a] for a in places], units, own, numbers, spans, job.settings.searches
+    )
     if joint is None or joint.size >= (1 - SAVED) * sum(unit.size for unit in units):
         return parts
     return [PlacedUnit(joint, numbers[0], members, numbers=numbers)]
@@ -582,16 +584,16 @@ def related(
 
 def has_doubles(part: PlacedUnit, job: EncodeJob) -> bool:
     """Whether these are the doubles of one channel, such as a track of several may hold."""
-    channel = job.originals[part.first]
-    release()
+    if job.originals[part.first].stored.dtype != np.float64:
+        return False
+    facts = job.searches[part.first].facts
     return (
-        channel.stored.dtype == np.float64
-        and bool(np.isfinite(channel.stored).all())
+        facts.finite
         # Words of which one is larger than those of a binary grid may not; others do not come
         # near the largest double, where sums overflow.
         and (
             part.unit.base.track.number_format == "counts"
-            or float(np.abs(channel.stored).max(initial=0.0)) <= EXACT_LIMIT
+            or max(-facts.low, facts.high) <= EXACT_LIMIT
         )
     )
 
@@ -782,7 +784,10 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         words = partial(encode_words, channel, spans, first_channel, kind, WORDS_REASON)
         if kind != "binary64":
             return words()
-        return encode_doubles(channel, spans, first_channel, words, job.searches[first_channel])
+        return encode_doubles(
+            channel, spans, first_channel, words, job.searches[first_channel],
+            effort=job.settings.searches,
+        )  # fmt: skip
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
@@ -817,7 +822,7 @@ def encode_source(
             exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")
             return encode_doubles(
                 original, spans, first_channel, as_counts, job.searches[first_channel],
-                exact=exact, grid=False,
+                exact=exact, grid=False, effort=settings.searches,
             )  # fmt: skip
         return as_counts()
     if promise.paper:
