@@ -16,7 +16,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import accumulate, chain
 from operator import index
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, overload
@@ -739,8 +739,9 @@ class Calibration:
 
     def __post_init__(self) -> None:
         try:
-            for name in ("a", "b", "d"):
-                object.__setattr__(self, name, index(getattr(self, name)))
+            if not type(self.a) is type(self.b) is type(self.d) is int:
+                for name in ("a", "b", "d"):
+                    object.__setattr__(self, name, index(getattr(self, name)))
         except TypeError:
             raise ParameterError("a calibration holds three integers") from None
         if not (0 < abs(self.a) < AFFINE_LIMIT and abs(self.b) < AFFINE_LIMIT):
@@ -856,26 +857,25 @@ class Channel:
         rate = rate_exact if rate is None else rate
         if stored is None or rate is None:
             raise ParameterError("a channel needs samples and a rate: Channel(x, 1000)")
-        put = partial(object.__setattr__, self)
-        put("stored", np.asarray(stored))
-        put("rate_exact", hertz(rate))
-        put("coverage", coverage)
-        put("calibration", calibration)
-        put("label", label)
-        put("unit", unit)
-        put("quantity", quantity)
-        put("axis", axis)
-        put("group", group)
-        put("body_site", body_site)
-        put("device", device)
-        put("deviation", deviation)
-        put("lsb", lsb)
-        put("exact", exact)
-        put("synthetic", synthetic)
+        self.__dict__.update(
+            stored=np.asarray(stored),
+            rate_exact=rate if type(rate) is Fraction and rate.numerator > 0 else hertz(rate),
+            coverage=coverage,
+            calibration=calibration,
+            label=label,
+            unit=unit,
+            quantity=quantity,
+            axis=axis,
+            group=group,
+            body_site=body_site,
+            device=device,
+            deviation=deviation,
+            lsb=lsb,
+            exact=exact,
+            synthetic=synthetic,
+        )
         if self.stored.ndim != 1:
             raise ParameterError("a channel's values are one-dimensional")
-        if self.rate_exact <= 0:
-            raise ParameterError("a channel's rate is positive")
         if self.calibration is not None and self.stored.dtype.kind not in "iu":
             raise ParameterError("a channel with a calibration holds integer counts")
         if self.exact is not None and (
@@ -893,7 +893,7 @@ class Channel:
             previous = span.stop
         if previous > TICK_LIMIT or (self.coverage and self.coverage[0].start < 0):
             raise ParameterError("ticks lie in [0, 2^48)")
-        if sum(span.ticks for span in self.coverage) != self.stored.size:
+        if sum([stop - start for start, stop in self.coverage]) != self.stored.size:
             raise ParameterError("coverage and values differ in length")
 
     @classmethod

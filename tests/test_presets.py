@@ -165,7 +165,9 @@ class TestNames:
             ("near-lossless", {"snr": 20.0}, "snr requires preset perceptual"),
             ("perceptual", {"bits": 5}, "bits requires preset paper"),
             ("perceptual", {"step": "1lsb"}, "step requires preset paper"),
-            ("perceptual", {"fast": True}, "fast=True requires preset lossless"),
+            ("paper", {"fast": True}, "effort requires preset lossless or near-lossless or"),
+            ("lossless", {"fast": True, "effort": "best"}, "fast=True or effort='best', not both"),
+            ("lossless", {"effort": "most"}, "the effort is one of fast, default, best"),
             ("paper", {"texture": False}, "texture=False requires preset perceptual"),
             ("paper", {"felt": "all"}, "felt requires preset perceptual"),
             ("paper", {"references": False}, "references=False requires"),
@@ -511,7 +513,7 @@ class TestLaw:
 
     @pytest.mark.skipif(not DATA.is_dir(), reason="no ../shared/data")
     @pytest.mark.parametrize("asked", LOSSY, ids=lambda asked: " ".join(map(str, asked.values())))
-    @either("parts", (3, 1500, 3), deep=(1, 3000, 4))
+    @either("parts", (5, 1500, 3), deep=(1, 3000, 4))
     def test_recorded(self, asked, parts):
         for name, part, largest in recorded_parts(*parts):
             assert size_of(part, Settings.of(**asked)) <= largest, name
@@ -543,7 +545,7 @@ KEPT: dict[str, Recording] = {
     "odd": Recording((doubles(np.where(T == 1, 1e3, PUSH), "N", lsb=0.001),)),
 }  # fmt: skip
 ASKED: dict[str, list[dict[str, object]]] = {
-    "lossless": [{}, {"fast": True}],
+    "lossless": [{}, {"fast": True}, {"effort": "best"}],
     "near-lossless": [
         {}, {"max_error": "2lsb"}, {"references": False},
         {"max_error": "0.01", "force_error": True, "tolerance": 0.001},
@@ -564,9 +566,9 @@ class TestKeptAs:
 
     @pytest.mark.parametrize("preset", ASKED)
     @pytest.mark.parametrize("name", KEPT)
-    @either("every", 3, deep=1)
+    @either("every", 6, deep=1)
     def test_encode_and_info_use_the_same_words(self, name, preset, every):
-        """Each option with a third of the recordings, or with all."""
+        """Each option with a sixth of the recordings, or with all."""
         asked = ASKED[preset]
         for options in asked[[*KEPT].index(name) % len(asked) % every :: every]:
             self.check(KEPT[name], preset, options)

@@ -25,8 +25,8 @@ from ..kernels import compiled
 from ..limits import Level
 from ..numbers import parse_varint
 from .entropy import Decoder, Encoder, Lengths, bit_ends, probability, put_by_length, share_of
-from .grids import LpcParameters
-from .predicted import decode_predicted, parts_of
+from .grids import UNIT_GRID
+from .predicted import decode_moved, parts_of
 
 QUOTIENT, PRODUCT, SIGNIFICANT, CUBIC, LINEAR = range(5)
 PLACES_LIMIT, DIGITS_LIMIT = 22, 15
@@ -364,28 +364,49 @@ def split_packet(data: bytes, offset: int) -> tuple[bytes, bytes, int]:
     return data[start : start + size], data[start + size :], offset + start + size
 
 
-def decode_counts(data: bytes, span: int, count: int, level: Level, offset: int) -> Counts:
-    """The counts [span, components] alone: the exact values are not looked at."""
+def decode_counts(
+    data: bytes, span: int, count: int, level: Level, offset: int, low: int, high: int
+) -> NDArray[np.int32]:
+    """The counts [span, components] alone, which lie within their range: the exact values are not
+    looked at."""
     coded, _, stop = split_packet(data, offset)
-    return decode_predicted(coded, LpcParameters(), span, count, level, stop - len(coded))
+    at = stop - len(coded)
+    counts, moved = decode_moved(coded, UNIT_GRID, span, count, level, at, low, high)
+    if moved:
+        raise FormatError(
+            "a lossless count outside the declared range", requirement="EXA-003", offset=offset
+        )
+    return counts
 
 
 def decode_exact(
     data: bytes,
     parameters: Sequence[ExactParameters],
     affines: Sequence[Affine],
-    counts: Counts,
+    counts: NDArray[Any],
     offset: int,
+    described: bytes = b"",
 ) -> Doubles:
-    """The source's doubles [span, components], given the counts of the same packet."""
+    """The source's doubles [span, components], given the counts of the same packet. ``described``:
+    the bytes of the parameters."""
     _, rest, at = split_packet(data, offset)
+    if compiled is not None:
+        out = np.empty(counts.T.shape)
+        rows = np.ascontiguousarray(counts.T, np.int32)
+        for place, each in enumerate(parameters):
+            if each.rule == SIGNIFICANT:
+                out[place] = each.values(rows[place].astype(np.int64), affines[place])
+        described = described or b"".join(each.build() for each in parameters)
+        if compiled.exact_packet(rest, described, np.array(affines, np.int64), rows, out):
+            return out.T
+    # Python decodes the rest, and reports which rule is broken.
     ends = parts_of(rest, len(parameters), at) if rest else [(0, 0)] * len(parameters)
     if ends is None:
         raise FormatError("parts larger than their packet", requirement="EXA-003", offset=at)
     out = np.empty((len(parameters), len(counts)))
     for place in in_order(parameters):
         start, stop = ends[place]
-        column = np.ascontiguousarray(counts[:, place])
+        column = counts[:, place].astype(np.int64)
         moves = decode_moves(rest[start:stop], column, at + start)
         values = parameters[place].values(column, affines[place])
         if parameters[place].rule == LINEAR:

@@ -209,6 +209,7 @@ def opened(
 
 def _hapf(file: Any, source: Source, given: dict[str, Any], *parts: Any, **more: Any) -> Recording:
     """A .hapf file, which takes none of the options ``given``."""
+    from ..format.source import source_of
     from ..reading.reader import read as read_hapf
 
     if named_options := [name for name, value in given.items() if value is not None]:
@@ -217,8 +218,10 @@ def _hapf(file: Any, source: Source, given: dict[str, Any], *parts: Any, **more:
             if named_options[0] in ("rate", "transpose")
             else f"{named_options[0]} is for other formats than .hapf"
         )
-    is_name = source.is_local or source.is_url
-    return read_hapf(file if is_name else source.stream, *parts, **more)
+    if source.is_local and not source.is_folder:
+        # It was opened to look at its first bytes.
+        return read_hapf(source_of(source.stream, source.name, owned=False), *parts, **more)
+    return read_hapf(file if source.is_folder or source.is_url else source.stream, *parts, **more)
 
 
 def _found(chosen: Format, source: Source, options: ReadOptions) -> Recording | Import:

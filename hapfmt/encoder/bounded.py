@@ -15,6 +15,8 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
+from math import inf
+
 import numpy as np
 
 from ..codecs.grids import LpcParameters
@@ -22,10 +24,11 @@ from ..codecs.knots import KnotParameters, encode_knots
 from ..deadband import Deadband
 from ..format.track import Contract, Track
 from ..recording import Channel, Span
+from .effort import EFFORTS, Effort
 from .gridded import Indices, grid_within, levels_of, nearest_level, nearest_uniform, places
 from .knots import Coded, fill_below, plain_knots, select_knots
 from .plan import Promise, without_glitches
-from .predict import encode_best, encode_quick, fitting_packets, quick_estimate
+from .predict import encode_best, fitting_packets, quick_estimate
 from .settings import counts_of
 from .source import InputBlock
 from .tube import (
@@ -189,11 +192,10 @@ KNOT_WAYS = 3
 """The first of :func:`scalar_ways`."""
 
 
-def encode_lossless(source: InputBlock, base: Track, *, fast: bool = False) -> Unit:
-    code = encode_quick if fast else partial(encode_best, thorough=False)
-    coded = code_grid(source, base, LpcParameters(), nearest_uniform, code=code)
+def encode_lossless(source: InputBlock, base: Track, effort: Effort | None = None) -> Unit:
+    coded = code_grid(source, base, LpcParameters(), nearest_uniform, effort=effort)
     assert coded
-    return Unit(coded, None, "predicted", "lossless, fast" if fast else "lossless", exact=True)
+    return Unit(coded, None, "predicted", "lossless", exact=True)
 
 
 def error_of(channel: Channel, promise: Promise) -> int:
@@ -222,9 +224,11 @@ def encode_bounded(
     bound = bound_of(source, promise)
     if len(source.channels) == 1 and not bound.slack and not promise.k:
         return encode_lossless(source, base)
-    ways = vector_ways(source, bound) if len(source.channels) > 1 else scalar_ways(source, bound)
+    ways = vector_ways(source, bound)
+    if len(source.channels) == 1:
+        ways = likely_ways(source, base, bound, knots_alone=knots_alone, smallest=smallest)
     best: tuple[Coded, str] | None = None
-    for why, code in ways[:KNOT_WAYS] if knots_alone else ways:
+    for why, code in ways:
         if (coded := code(base, smallest)) and (smallest is None or coded.size < smallest):
             best, smallest = (coded, why), coded.size
     if best is None:
@@ -242,8 +246,7 @@ def contract_for(band: Deadband) -> Contract:
 
 def scalar_ways(source: InputBlock, bound: Bound) -> list[Way]:
     """The ways to code one channel; quick ones come first."""
-    step = min(bound.slack, STEP_LIMIT // 2 - 1)
-    even, grid = LpcParameters(2 * step + 1), grid_within(bound)
+    even, grid = even_grid(bound), grid_within(bound)
     ways: list[Way] = [
         ("fewest held steps", lambda base, _: code_held(source, base, bound)),
         (
@@ -261,6 +264,67 @@ def scalar_ways(source: InputBlock, bound: Bound) -> list[Way]:
     return ways
 
 
+SAMPLED, WINDOWS = 8, 8
+"""One sample of SAMPLED is looked at, in as many WINDOWS, to compare ways."""
+
+NEAR = 1.06
+"""Ways that are at most this many times as large as the best of the sampled part are all coded."""
+
+LEAST = 16
+"""Held pieces of a window; channels that have fewer are looked at as a whole."""
+
+FEW, DENSE, DENSER, CHEAP = 64, 0.35, 0.7, 1.5
+"""Held pieces up to which varints may be smaller; held pieces a sample from which lines never are;
+bytes of the quick estimate for each held piece from which on the grid never is (measured)."""
+
+
+def likely_ways(
+    source: InputBlock, base: Track, bound: Bound, *, knots_alone: bool, smallest: int | None
+) -> list[Way]:
+    """The ways that may be the smallest, the likeliest first."""
+    plain, levels, lines, *grids = scalar_ways(source, bound)
+    looked, block = source.counts[:, 0].astype(np.int64), source
+    ticks = fewest_hold(*tube_of(looked, bound))[0]
+    held, size = ticks.size, looked.size
+    few = held // (SAMPLED * WINDOWS)
+    if few >= LEAST:
+        firsts = held * np.arange(1, 2 * WINDOWS, 2) // (2 * WINDOWS) - few // 2
+        looked = np.concatenate([looked[ticks[k] : ticks[k + few]] for k in firsts])
+        block = InputBlock(source.channels, looked[:, None], (Span(0, looked.size),))
+    ways, grid = [levels], grid_within(bound)
+    if ticks.size <= FEW:
+        ways.append(plain)
+    if held <= (DENSE if grid.kn else DENSER) * size:
+        ways.append(lines)
+    if not knots_alone:
+        estimates = [quick_estimate(nearest_uniform(looked, even_grid(bound)))]
+        if grid.kn:
+            estimates.insert(0, quick_estimate(nearest_level(looked, grid)))
+        place = int(np.argmin(estimates))
+        if block is not source or estimates[place] < 8 * CHEAP * held:
+            ways.append(grids[place])
+    if block is source or len(ways) == 1:
+        return ways
+    tried = scalar_ways(block, bound)
+    names = [why for why, _ in ways]
+    sizes = {why: coded.size for why, code in tried if why in names and (coded := code(base, None))}
+    if lines[0] in sizes:
+        # Between windows there are knots more.
+        sizes[lines[0]] -= 2 * WINDOWS
+    for why, _ in grids:
+        if why in sizes:
+            sizes[why] -= 3 * WINDOWS
+    least = min(sizes.values())
+    return sorted(
+        (way for way in ways if sizes.get(way[0], inf) <= NEAR * least + 4),
+        key=lambda way: sizes[way[0]],
+    )
+
+
+def even_grid(bound: Bound) -> LpcParameters:
+    return LpcParameters(2 * min(bound.slack, STEP_LIMIT // 2 - 1) + 1)
+
+
 def code_grid(
     source: InputBlock,
     base: Track,
@@ -268,7 +332,7 @@ def code_grid(
     to_indices: Callable[[Indices, LpcParameters], Indices],
     smallest: int | None = None,
     *,
-    code: Callable[[Indices], bytes] = encode_best,
+    effort: Effort | None = None,
 ) -> Coded | None:
     """None where it is sure not to be below ``smallest``."""
 
@@ -280,13 +344,15 @@ def code_grid(
     if smallest is not None and hopeless((indices for _, indices in pieces()), smallest):
         return None
     coded = Coded(replace(base, codec="LPCR", parameters=grid.build()))
+    effort = effort or EFFORTS["default"]
 
     def packets() -> Iterator[tuple[Span, bytes]]:
         for span, indices in pieces():
-            yield from fitting_packets(span, indices, partial(code_part, indices))
+            code = partial(code_part, indices)
+            yield from fitting_packets(span, indices, code, cuts=effort.cuts)
 
     def code_part(indices: Indices, part: slice) -> bytes:
-        return code(indices[part])
+        return encode_best(indices[part], effort)
 
     return fill_below(coded, packets(), smallest)
 

@@ -27,14 +27,60 @@ class Effort:
     cuts: bool = True
     """Packets are cut where the pieces are smaller together."""
 
+    high_orders: bool = True
+    """Predictors have up to 32 coefficients, not 12."""
+
+    plain_sums: bool = True
+    """Predictors come also from sums in which loud parts outweigh quiet ones."""
+
+    undifferenced: bool = True
+    """Predictors are also of the samples, not only of their differences."""
+
+    every_sample: bool = False
+    """Estimates look at each sample, not at one in three."""
+
+    other_orders: bool = False
+    """Of the best sums, other orders are tried as well."""
+
+    written: int = 1
+    """Packets that are written, for the smallest to stay."""
+
+    transform: bool = True
+    """A texture is tried by MDCT too."""
+
+    lines: bool = False
+    """A texture without silent stretches is tried after lines for its slow part too."""
+
+    @property
+    def highest(self) -> int:
+        """The highest order of a predictor."""
+        return 32 if self.high_orders else 12
+
+    @property
+    def stride(self) -> int:
+        """One part of so many is looked at."""
+        return 1 if self.every_sample else 3
+
+    @property
+    def sums(self) -> int:
+        """Which sums predictors come from, as bits."""
+        return 1 | 2 * self.plain_sums | 4 * self.undifferenced
+
 
 EFFORTS: dict[EffortName, Effort] = {
-    "fast": Effort(references=False, relations=False),
+    "fast": Effort(
+        references=False,
+        relations=False,
+        cuts=False,
+        high_orders=False,
+        plain_sums=False,
+        undifferenced=False,
+    ),
     "default": Effort(),
-    "best": Effort(),
+    "best": Effort(every_sample=True, other_orders=True, written=6, lines=True),
 }
 
-SEARCHES = tuple(field.name for field in fields(Effort))
+SEARCHES = tuple(field.name for field in fields(Effort) if field.type == "bool")
 
 
 @contextmanager
@@ -43,7 +89,7 @@ def without(search: str) -> Iterator[None]:
     known = dict(EFFORTS)
     try:
         for name, effort in known.items():
-            EFFORTS[name] = replace(effort, **{search: type(getattr(effort, search))()})
+            EFFORTS[name] = replace(effort, **{search: False})
         yield
     finally:
         EFFORTS.update(known)

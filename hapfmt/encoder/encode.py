@@ -44,7 +44,6 @@ from .exact import (
     find_relations,
     groups_of,
     stretches,
-    words_size,
 )
 from .gridded import INFINITE, KEPT, NO_STEP, Gridded, on_grid
 from .knots import Coded
@@ -635,7 +634,7 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
     small = sum(channel.stored.size for channel in job.originals) <= SMALL
     lossless = replace(job, settings=job.lossless, promises=[Promise()] * len(job.originals))
     rivals: list[PlacedUnit] = []
-    doubtful = [small or may_lose(part) for part in parts]
+    doubtful = [may_lose(part) for part in parts]
     at = 0
     while at < len(parts):
         stop = at
@@ -657,7 +656,7 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
     alone = [in_place(each, asked) for part in rivals for each in part.apart or (part,)]
     apart = list(smaller(parts, alone))
     mixed = list(smaller(apart, rivals))
-    if not small:
+    if not small or not all(doubtful):
         return [mixed]
     choices: dict[tuple[int, ...], list[PlacedUnit]] = {}
     for each in (rivals, alone, mixed, apart):
@@ -681,9 +680,12 @@ def instead_of(promise: Promise) -> Promise:
 
 def may_lose(part: PlacedUnit) -> bool:
     """Whether a lossless form may be smaller: what is lossless already is the smallest found."""
-    if all(each.promise.lossless for each in part.members):
+    if part.unit.exact and not any(each.channel.deviation for each in part.members):
         return False
-    return 8 * part.unit.cost > part.unit.least
+    promise = part.members[0].promise
+    if not (promise.k or promise.paper or promise.texture):
+        return False
+    return 8 * part.unit.cost > 1.4 * part.unit.least
 
 
 def total_cost(parts: list[PlacedUnit]) -> int:
@@ -780,8 +782,7 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         words = partial(encode_words, channel, spans, first_channel, kind, WORDS_REASON)
         if kind != "binary64":
             return words()
-        search, least = job.searches[first_channel], partial(words_size, channel, spans)
-        return encode_doubles(channel, spans, first_channel, words, search, least=least)
+        return encode_doubles(channel, spans, first_channel, words, job.searches[first_channel])
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
@@ -807,7 +808,7 @@ def encode_source(
     if promise.lossless:
 
         def as_counts() -> Unit:
-            return encode_lossless(source, base, fast=settings.fast)
+            return encode_lossless(source, base, settings.searches)
 
         rounded = original.stored.dtype == "f8" and channel.deviation is None and sparse(counts)
         if rounded:
@@ -826,7 +827,9 @@ def encode_source(
         assert joint
         unit = joint
     elif promise.texture is not None:
-        found = encode_textured(source, original, first_channel, promise, settings.cutoff_hz)
+        found = encode_textured(
+            source, original, first_channel, promise, settings.cutoff_hz, settings.searches
+        )
         unit = found or without_loss(original, first_channel, job)
     else:
         unit = encode_within(members[0], source, base, first_channel, promise)

@@ -120,6 +120,8 @@ def natural_step(member: Gridded, search: LatticeSearch) -> float | None:
     if not member.promise.lossless or search.given.dtype != np.float64 or search.refusal:
         return None
     if calibration is None:
+        if isinstance(search.exact, Lattice):  # Only -0.0 is off the grid.
+            return float(abs(search.exact.calibration.step))
         steps = search.steps(None)
         return steps.low if steps else None
     counts = member.channel.stored
@@ -229,8 +231,8 @@ class PacketLengths:
         ways += [Fraction(1, n) for n in range(2, ceil(parts / clusters) + 2)]
         # Where two ways are as near, the longer packets win.
         found = [
-            (abs(log(max(clusters / way, 1.0) / parts)), -way)
+            (abs(log(max(count, 1.0) / parts)), count, way)
             for way in ways
-            if least <= clusters / way <= most
+            if least <= (count := clusters / float(way)) <= most
         ]
-        return self.cluster * (-min(found)[1] if found else 1)
+        return self.cluster * (min(found)[2] if found else 1)

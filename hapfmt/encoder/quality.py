@@ -34,6 +34,10 @@ SIMILARITY_S = 30
 """ST-SIM is measured on at most this many seconds, from the middle of the longest run."""
 
 
+PEAK = 4.2
+"""The largest of some ten thousand errors that are distributed normally, over their deviation."""
+
+
 class Measure(Protocol):
     @property
     def allowed(self) -> float:
@@ -49,6 +53,9 @@ class Measure(Protocol):
 
     def error(self, y: Doubles) -> float:
         """The error of decoded samples."""
+
+    def error_of(self, noise: float) -> float | None:
+        """The same for a mean squared error; None where it does not decide."""
 
     def value(self, y: Doubles) -> dict[str, float]:
         """The quality of decoded samples, for the user."""
@@ -81,6 +88,9 @@ class NoiseMeasure:
         mse = float(np.square(e).sum()) / max(e.size, 1)
         return mse / self.power if self.power else inf
 
+    def error_of(self, noise: float) -> float | None:
+        return noise / self.power if self.power and self.textured is None else None
+
     def value(self, y: Doubles) -> dict[str, float]:
         error, whole = self.error(y), snr_db(self.x, y)
         found = {"snr_hf_db": -10 * log10(error)} if 0 < error < inf else {}
@@ -89,6 +99,46 @@ class NoiseMeasure:
     def close(self, y: Doubles) -> bool:
         db = self.value(y).get("snr_hf_db")
         return db is not None and abs(db - self.db) <= CLOSE * self.db
+
+
+@dataclass(frozen=True)
+class ThresholdMeasure:
+    """A measure that errors within the absolute threshold satisfy too."""
+
+    of_all: NoiseMeasure
+    x: Doubles
+    floor: float
+
+    @classmethod
+    def of(cls, measure: NoiseMeasure, floor: float) -> ThresholdMeasure:
+        return cls(measure, measure.x, floor)
+
+    @property
+    def allowed(self) -> float:
+        return self.of_all.allowed
+
+    @property
+    def noise(self) -> float:
+        """Errors of a transform are spread like those of a normal distribution."""
+        within = (self.floor / PEAK) ** 2 / self.of_all.power
+        return max(self.of_all.noise, within)
+
+    @property
+    def note(self) -> str:
+        return self.of_all.note
+
+    def error(self, y: Doubles) -> float:
+        largest = float(np.abs(y - self.x).max(initial=0.0))
+        return min(self.of_all.error(y), self.allowed * (largest / self.floor) ** 2)
+
+    def error_of(self, noise: float) -> float | None:
+        return None
+
+    def value(self, y: Doubles) -> dict[str, float]:
+        return self.of_all.value(y)
+
+    def close(self, y: Doubles) -> bool:
+        return self.of_all.close(y)
 
 
 @dataclass(frozen=True)
@@ -113,6 +163,9 @@ class SimilarityMeasure:
 
     def error(self, y: Doubles) -> float:
         return max(1 - self.similarity(y), 0.0)
+
+    def error_of(self, noise: float) -> float | None:
+        return None
 
     def value(self, y: Doubles) -> dict[str, float]:
         return {"st_sim": self.similarity(y), **self.snr.value(y)}

@@ -11,26 +11,30 @@ threshold decides whether there is a texture, and whether an error needs to be s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
-from math import exp, log, sqrt
+from math import exp, log, log2, sqrt
 
 import numpy as np
 
 from ..metrics import texture_levels_db
 from ..recording import Calibration, Channel
 from .bounded import code_lines, encode_bounded
+from .effort import Effort
 from .felt import Doubles, FeltChannel, counts_nearest, slow_of
 from .plan import Promise
+from .predict import quick_estimate
+from .quality import ThresholdMeasure
 from .settings import CLOSE, NO_TEXTURE
 from .source import InputBlock
 from .synthetic import with_synthetic
 from .unit import Unit, bound_of, decode_all, in_coarser_counts, whole_range
 from .ways import CodedTrial, Way, ways_of
 
-NARROWER, TRIES, HALVINGS = 0.8, 16, 4
-"""Where the slow part leaves its deadband, each try multiplies the step by NARROWER. The interval
-between the step that keeps it and the one before is then halved."""
+WITHIN, CLOSEST, TRIES = 0.97, 1.05, 12
+"""Where the slow part leaves its deadband, the next step is that with WITHIN of a deadband. The
+interval to a step that leaves it is then halved, to 5 %."""
 
 NEAR = 0.99
 """The search for a step ends where the error is at least this share of the largest allowed one."""
@@ -49,40 +53,91 @@ MODEL_COUNTS = 1 << 20
 """Largest texture in counts that a model is made of. Its gain ends at 3.5 million counts, and its
 filter at 33 million (SPEC 9.10)."""
 
+HOPE = 1.4
+"""A transform is left out where its estimated size is this many times the best one's."""
+
+PAYS, PAYS_MORE = 0.25, 0.15
+"""Bits a sample, and share of those of the grid, that a transform may save at one mean error."""
+
 SEARCHED, FACTOR = 24, 4.0
 """Most steps that a search tries, and the largest factor from one to the next."""
 
 
 def encode_textured(
-    source: InputBlock, original: Channel, first_channel: int, promise: Promise, cutoff_hz: float
+    source: InputBlock,
+    original: Channel,
+    first_channel: int,
+    promise: Promise,
+    cutoff_hz: float,
+    searches: Effort,
 ) -> Unit | None:
     """The smallest way found. source: one channel on a fine grid. None: no grid has the quality."""
     base = whole_range(source, first_channel)
     felt = FeltChannel.of(original.samples(), source, promise, cutoff_hz)
     target = promise.texture
     assert target is not None
-    alone = encode_bounded(source, base, promise)
-    assert alone
     if felt.silent if target.drops_silence else felt.smooth:
+        alone = encode_bounded(source, base, promise)
+        assert alone
         return replace(alone, missed=NO_TEXTURE)
     if target.synthetic:
         return encode_synthetic(felt, first_channel, promise)
-    if felt.fine and target.threshold_is_enough:
-        unit = encode_bounded(source, base, replace(promise, k=Fraction(0)))
-        assert unit
-        return reported(unit, felt, decoded(unit), THRESHOLD)
     best: Unit | None = None
-    samples = decoded(alone)
-    if felt.holds(samples):
-        best = reported(alone, felt, samples, DEADBAND)
-    for way in ways_of(felt, original, first_channel, promise):
+    if felt.fine and target.threshold_is_enough:
+        promise = replace(promise, k=Fraction(0))
+        felt = replace(felt, measure=ThresholdMeasure.of(felt.measure, felt.floor))
+    of_threshold = felt.threshold_decides
+    if of_threshold or felt.deadband_may_do:
+        alone = encode_bounded(source, base, promise)
+        assert alone
+        samples = decoded(alone)
+        if felt.holds(samples):
+            best = reported(alone, felt, samples, THRESHOLD if of_threshold else DEADBAND)
+        if of_threshold and not pays(felt, alone.size) and not target.codec:
+            return best
+    predicted: list[CodedTrial] = []
+    for way in ways_of(felt, original, first_channel, promise, searches):
+        if way.bits is not None:
+            best = smallest_of(predicted, felt, best)
+            predicted = []
+            if best and not target.codec and way.bits > HOPE * 8 * best.cost:
+                continue
         trial = widest(way, felt)
         if trial is None:
             continue
-        unit = trial.code(best.cost if best else None)
-        if unit and (best is None or unit.cost < best.cost):
-            best = reported(unit, felt, trial.samples, DEADBAND if trial.limited else FINER_WINS)
-    return best
+        if trial.indices is not None:
+            predicted.append(trial)
+        else:
+            best = coded(trial, felt, best)
+    return smallest_of(predicted, felt, best)
+
+
+def pays(felt: FeltChannel, size: int) -> bool:
+    """Whether a transform may take fewer bytes than a grid on which each error is below the
+    threshold, although its largest errors are larger beside the others."""
+    more = log2(felt.floor**2 / 3 / (felt.power * felt.measure.noise)) / 2
+    return more < PAYS + PAYS_MORE * 8 * size / max(felt.x.size, 1)
+
+
+def smallest_of(trials: Sequence[CodedTrial], felt: FeltChannel, best: Unit | None) -> Unit | None:
+    """The best so far, or the one of these trials that about takes the fewest bits."""
+    if len(trials) > 1:
+        trials = [min(trials, key=lambda each: bits_of(each, felt))]
+    return coded(trials[0], felt, best) if trials else best
+
+
+def bits_of(trial: CodedTrial, felt: FeltChannel) -> float:
+    assert trial.indices is not None
+    return sum(quick_estimate(rows) for _, rows in felt.source.pieces(trial.indices))
+
+
+def coded(trial: CodedTrial, felt: FeltChannel, best: Unit | None) -> Unit | None:
+    """The best so far, or this trial where it is smaller."""
+    unit = trial.code(best.cost if best else None)
+    if unit is None or (best and unit.cost >= best.cost):
+        return best
+    why = DEADBAND if trial.limited else FINER_WINS
+    return reported(unit, felt, trial.samples, THRESHOLD if felt.threshold_decides else why)
 
 
 def encode_synthetic(felt: FeltChannel, first_channel: int, promise: Promise) -> Unit | None:
@@ -176,7 +231,9 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
         if trial.step in (low and low[0], high and high[0]):
             break
         step = trial.step
-        error = felt.measure.error(trial.samples)
+        error = error_of(trial, felt)
+        if error <= allowed and error >= near * allowed:
+            error = felt.measure.error(trial.samples)
         if error <= allowed:
             low, best = (step, error), trial
             if error >= near * allowed or step >= most:
@@ -186,32 +243,40 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
         if low and high and high[0] <= low[0] * 1.0005:
             break
         step = min(next_step(low, high, allowed * (1 + near) / 2), max(most, step))
-    if best is None or felt.slow_holds(best.samples):
+    if best is None:
+        return None
+    excess = felt.slow_excess(best.samples)
+    if excess <= 1:
         return best
     assert low
-    if way.steadier:
-        return widest(way.steadier(low[0]), felt)
-    return narrower(way, felt, low[0])
+    steadier = way.steadier(low[0], excess) if way.steadier else None
+    return widest(steadier, felt) if steadier else narrower(way, felt, low[0], excess)
 
 
-def narrower(way: Way, felt: FeltChannel, wide: float) -> CodedTrial | None:
-    """The trial of the widest step below ``wide`` whose slow part keeps the deadband."""
-    found = None
-    for _ in range(TRIES // 2 if way.costly else TRIES):
-        trial = way.at(wide * NARROWER)
-        if trial is None:
-            return None
-        if felt.slow_holds(trial.samples):
-            found = replace(trial, limited=True)
+def error_of(trial: CodedTrial, felt: FeltChannel) -> float:
+    """The error of a trial, without decoding where that is possible."""
+    known = None if trial.noise is None else felt.measure.error_of(trial.noise)
+    return felt.measure.error(trial.samples) if known is None else known
+
+
+def narrower(way: Way, felt: FeltChannel, wide: float, excess: float) -> CodedTrial | None:
+    """The trial of about the widest step below ``wide`` whose slow part keeps the deadband.
+
+    excess: by how much it leaves it at ``wide``. It grows about as the step.
+    """
+    found, low, step = None, 0.0, wide * max(WITHIN / excess, 1 / FACTOR)
+    for _ in range(TRIES):
+        trial = way.at(step)
+        if trial is None or trial.step in (low, wide):
             break
-        wide *= NARROWER
-    low = wide * NARROWER
-    for _ in range(HALVINGS if found and not way.costly else 0):
-        trial = way.at(middle := sqrt(low * wide))
-        if trial is not None and felt.slow_holds(trial.samples):
-            low, found = middle, replace(trial, limited=True)
+        excess = felt.slow_excess(trial.samples)
+        if excess <= 1:
+            low, found = trial.step, replace(trial, limited=True)
+            if excess >= NEAR_ENOUGH or low * CLOSEST >= wide:
+                break
         else:
-            wide = middle
+            wide = trial.step
+        step = sqrt(low * wide) if low else wide * max(WITHIN / excess, 1 / FACTOR)
     return found
 
 

@@ -11,6 +11,7 @@ import struct
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import NamedTuple, TypeVar
 
 from ..errors import FormatError, ParameterError, TruncatedError, UnsupportedError
@@ -218,6 +219,8 @@ class TrackTable:
         self.tracks: dict[int, Track] = {}
         self.payloads: dict[int, bytes] = {}
         self.bases: set[int] = set()
+        self.changes = 0
+        """How often tracks were added."""
         self.forget()
 
     def forget(self) -> None:
@@ -253,6 +256,7 @@ class TrackTable:
             if track.kind == "hf" and track.base is not None:
                 self.bases.add(track.base)
             self.tracks[track.id] = track
+        self.changes += 1
 
     def check(self, track: Track) -> None:
         """TRK-007, 010 and 016: what must hold between a new track and those before it."""
@@ -278,6 +282,9 @@ class TrackTable:
         """
         chains = []
         for alike in self.of_one_channel():
+            if len(alike) == 1:
+                chains.append(alike)
+                continue
             first, *others = sorted(alike, key=lambda track: track.unsupported is not None)
             chain = [first]
             chain += [track for track in others if track.fits(first) or first.fits(track)]
@@ -680,6 +687,11 @@ def parse_tracks(
         yield track
 
 
+@lru_cache(maxsize=64)
+def fraction(numerator: int, denominator: int) -> Fraction:
+    return Fraction(numerator, denominator)
+
+
 def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
     """The track at offset ``at``, from its fields and TLVs."""
     kind = KINDS[raw.kind] if raw.kind < len(KINDS) else f"kind {raw.kind}"
@@ -702,7 +714,7 @@ def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) ->
         id=id_,
         kind=kind,
         codec=raw.codec.decode("latin-1"),
-        rate=Fraction(raw.rate_num, raw.rate_den),
+        rate=fraction(raw.rate_num, raw.rate_den),
         first_channel=raw.first_channel,
         components=described.components,
         parameters=tlvs.get(PARAMETERS, (0, b""))[1],
@@ -860,9 +872,10 @@ def parse_components(tlvs: Tlvs, count: int) -> Iterator[Component]:
         offset, value = tlvs[DEVIATIONS]
         deviations = spread(parse_deviations(value, offset), count, offset)
     strings = {
-        name: parse_strings(tlvs[type_][1], count, tlvs[type_][0]) if type_ in tlvs else None
+        name: parse_strings(tlvs[type_][1], count, tlvs[type_][0])
         for type_, name in STRINGS.items()
+        if type_ in tlvs
     }
     for i in range(count):
-        named = {name: items[i] for name, items in strings.items() if items}
+        named = {name: items[i] for name, items in strings.items()}
         yield Component(calibrations[i], deviation=deviations[i], **named)

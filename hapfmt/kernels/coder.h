@@ -16,12 +16,20 @@
 #define VECTORS 1
 #endif
 
+/* WIDE: of functions with vectors of four doubles, where wide() says that the processor has them. */
+#if defined(__GNUC__) && defined(__x86_64__) && !defined(HAPFMT_PLAIN)
+#define WIDE __attribute__((target("avx2")))
+static inline int wide(void) { return __builtin_cpu_supports("avx2"); }
+#endif
+
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
 #define RARE(x) __builtin_expect(!!(x), 0)
+#define UNROLL _Pragma("GCC unroll 8")
 #else
 #define INLINE static inline
 #define RARE(x) (x)
+#define UNROLL
 #endif
 
 enum { SYMBOLS = 16, ESCAPE = 15, CONTEXTS = 36, CLASSES = 16, BLOCK = 8, ERROR_BITS = 34 };
@@ -32,9 +40,13 @@ static const uint32_t LEAST_STATE = 1 << 16;
 /* A symbol's part of the 4096: its first, and how many. */
 typedef struct { uint16_t first, width; } share;
 
+/* By the highest bits of a slot: the symbol of the first slot that has them. */
+enum { COARSE_BITS = 9, FINE_BITS = SCALE_BITS - COARSE_BITS };
+
 typedef struct {
     share shares[CONTEXTS][SYMBOLS];
-    int16_t ends[CONTEXTS][SYMBOLS];   /* the last of each, of the last symbol more than any */
+    share coarse[CONTEXTS][1 << COARSE_BITS];
+    uint8_t symbols[CONTEXTS][1 << COARSE_BITS];
     uint16_t costs[CONTEXTS][SYMBOLS]; /* 256 times the bits */
 } class_table;
 
@@ -120,15 +132,6 @@ INLINE int get_bit(decoder *d, int lane, int p)
     int bit = (int)(d->x[lane] & (SCALE - 1)) >= SCALE - 16 * p;
     d->x[lane] = advance(d->x[lane], bit_share(bit, p), &d->next);
     return bit;
-}
-
-/* One of ``count`` symbols. */
-INLINE int get_symbol(decoder *d, int lane, const share *shares, int count)
-{
-    int slot = (int)(d->x[lane] & (SCALE - 1)), symbol = 0;
-    while (symbol + 1 < count && slot >= shares[symbol + 1].first) symbol++;
-    d->x[lane] = advance(d->x[lane], shares[symbol], &d->next);
-    return symbol;
 }
 
 /* The next raw bits, 57 and more. */

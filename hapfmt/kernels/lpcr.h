@@ -12,12 +12,12 @@
 #include "flags.h"
 
 enum { ORDERS = 32, DIFFERENCES = 4, SHIFT = 13, COEFFICIENT_LIMIT = 1 << 21 };
-enum { RING = 1024, PIECE = 1024, UNROLLED = 12 };
+enum { RING = 1024, PIECE = 1024, UNROLLED = 12, STEP = 8 };
 enum { REPEAT_CONTEXTS = 4, BY_BITS = 64, REPEAT_CODES = BITS, SIGN_CODES = BITS + 2 * REPEAT_CONTEXTS };
 static const int64_t INDEX_LIMIT = (int64_t)1 << 32, CROSS_LIMIT = (int64_t)1 << 54;
 
 typedef struct {
-    int difference, order, repeats;
+    int difference, order, repeats, ready; /* ready: the errors are there */
     int64_t base, limit, span;
     const int32_t *coefficients;
     const int64_t *cross; /* what other components say of each sample, or NULL */
@@ -79,42 +79,36 @@ INLINE int64_t predict(const filter *f, const int64_t *next)
     return sum >> SHIFT;
 }
 
-/* ``width`` as in the filter, known to the compiler. */
-INLINE int64_t predict_real(const filter *f, const double *next, int width)
+/* c[1..m] of SPEC 9.5; 0 where LPC-005 is broken. Twice a product stays below 2^53. */
+static int step_up(const int8_t *reflections, int order, const int32_t *sines, int32_t *out)
 {
-    const double *c = f->real_taps;
-    int old = width - 4;
-    next -= width;
-    double sum = 1 << (SHIFT - 1);
-#ifdef VECTORS
-    __m128d a = _mm_setzero_pd(), b = _mm_setzero_pd();
-    for (int j = 0; j < old; j += 4) {
-        a = _mm_add_pd(a, _mm_mul_pd(_mm_loadu_pd(c + j), _mm_loadu_pd(next + j)));
-        b = _mm_add_pd(b, _mm_mul_pd(_mm_loadu_pd(c + j + 2), _mm_loadu_pd(next + j + 2)));
+    int64_t p[ORDERS], before[ORDERS];
+    for (int n = 0; n < order; n++) {
+        int at = reflections[n];
+        int64_t k = at < 0 ? -sines[-at] : sines[at];
+        memcpy(before, p, (size_t)n * sizeof *p);
+        for (int j = 0; j < n; j++) p[j] = before[j] - ((2 * k * before[n - 1 - j] + (1 << 15)) >> 16);
+        p[n] = k * 32;
+        for (int j = 0; j <= n; j++)
+            if (p[j] > (int64_t)1 << 36 || p[j] < -((int64_t)1 << 36)) return 0;
     }
-    a = _mm_add_pd(a, b);
-    sum += _mm_cvtsd_f64(_mm_add_pd(a, _mm_unpackhi_pd(a, a)));
-#else
-    for (int j = 0; j < old; j++) sum += c[j] * next[j];
-#endif
-    c += old;
-    next += old;
-    /* The newest value comes last: it depends on the iteration before. */
-    sum += (c[0] * next[0] + c[1] * next[1]) + c[2] * next[2];
-    return (int64_t)(sum + c[3] * next[3]) >> SHIFT;
+    for (int j = 0; j < order; j++) {
+        int64_t c = (2 * p[j] + 128) >> 8;
+        if (c > COEFFICIENT_LIMIT || c < -COEFFICIENT_LIMIT) return 0;
+        out[j] = (int32_t)c;
+    }
+    return 1;
 }
 
 /* ---- decoding ---- */
 
-/* Turns the prediction errors in ``out`` into indices. ``kind`` of the history: 0 none, 1 integers,
-   else that number of doubles. */
-INLINE int synthesise_as(const plan *p, const filter *f, const uint8_t *same, int64_t *out, int kind,
+/* Turns the prediction errors in ``out`` into indices, sample by sample. ``some``: there are
+   coefficients. */
+INLINE int synthesise_as(const plan *p, const filter *f, const uint8_t *same, int64_t *out, int some,
                          int repeats, int g)
 {
     int64_t sums[DIFFERENCES + 1] = {0}, history[ORDERS + RING];
-    double real_history[ORDERS + RING];
-    if (kind == 1) memset(history, 0, sizeof history);
-    if (kind > 1) memset(real_history, 0, sizeof real_history);
+    if (some) memset(history, 0, sizeof history);
     int now = ORDERS;
     int64_t base = p->base, limit = p->limit;
     for (int64_t t = 0; t < p->span; t++) {
@@ -128,8 +122,7 @@ INLINE int synthesise_as(const plan *p, const filter *f, const uint8_t *same, in
             sums[g] = fresh;
         } else {
             int64_t fresh = out[t];
-            if (kind == 1) fresh += predict(f, history + now);
-            if (kind > 1) fresh += predict_real(f, real_history + now, kind);
+            if (some) fresh += predict(f, history + now);
             sums[g] = fresh;
             for (int i = g - 1; i >= 0; i--) {
                 fresh += sums[i];
@@ -139,11 +132,82 @@ INLINE int synthesise_as(const plan *p, const filter *f, const uint8_t *same, in
         int64_t index = sums[0] + base;
         if (RARE(index > limit || index < -limit)) return BAD_INDEX;
         out[t] = index;
-        if (kind == 1) history[now] = sums[g];
-        if (kind > 1) real_history[now] = (double)sums[g];
-        if (kind && ++now == ORDERS + RING) {
-            memcpy(history, history + RING, ORDERS * sizeof *history);
-            memcpy(real_history, real_history + RING, ORDERS * sizeof *real_history);
+        if (some) {
+            history[now] = sums[g];
+            if (++now == ORDERS + RING) {
+                memcpy(history, history + RING, ORDERS * sizeof *history);
+                now = ORDERS;
+            }
+        }
+    }
+    return DONE;
+}
+
+/* Predictions of STEP samples from all that come before the first of them, eight taps at a time. All
+   sums are integers below 2^53: their order does not matter. */
+typedef double four __attribute__((vector_size(32)));
+
+/* ``c``: coefficients [width], the newest sample's first, and STEP zeros; ``next`` points behind the
+   newest sample. */
+INLINE void predict_step(const double *c, const double *next, int width, int64_t *sums)
+{
+    const double half = 1 << (SHIFT - 1);
+    four a = {half, half, half, half}, b = a, d = {0}, e = {0};
+    for (int j = width - 1; j >= 0; j -= 2) {
+        four old, new, older, newer;
+        memcpy(&old, c + j, sizeof old);
+        memcpy(&older, c + j + 4, sizeof older);
+        memcpy(&new, c + j - 1, sizeof new);
+        memcpy(&newer, c + j + 3, sizeof newer);
+        a += old * next[-1 - j];
+        b += older * next[-1 - j];
+        d += new * next[-j];
+        e += newer * next[-j];
+    }
+    a += d;
+    b += e;
+    for (int i = 0; i < 4; i++) {
+        sums[i] = (int64_t)a[i];
+        sums[4 + i] = (int64_t)b[i];
+    }
+}
+
+/* As synthesise_as, in steps of eight samples: the history counts by vectors of doubles, what is new
+   within the step by integers, whose products take less time to arrive. Indices beyond the limit are
+   found after their step: unsigned sums may wrap. */
+INLINE int synthesise_steps(const plan *p, int width, const uint8_t *same, int64_t *out, int repeats)
+{
+    const uint64_t kept = p->difference ? UINT64_MAX : 0;
+    double history[ORDERS + RING], c[ORDERS + STEP] = {0};
+    uint64_t taps[STEP] = {0}, last = 0, base = (uint64_t)p->base, limit = (uint64_t)p->limit, beyond = 0;
+    for (int j = 0; j < p->order; j++) c[j] = p->coefficients[j];
+    for (int j = 0; j < STEP && j < p->order; j++) taps[j] = (uint64_t)(int64_t)p->coefficients[j];
+    memset(history, 0, ORDERS * sizeof *history);
+    int now = ORDERS;
+    for (int64_t t = 0; t < p->span; t += STEP) {
+        int count = p->span - t < STEP ? (int)(p->span - t) : STEP;
+        int64_t sums[STEP], e[STEP] = {0};
+        uint64_t y[STEP];
+        predict_step(c, history + now, width, sums);
+        memcpy(e, out + t, (size_t)count * sizeof *e);
+        UNROLL
+        for (int i = 0; i < STEP; i++) {
+            uint64_t sum = (uint64_t)sums[i];
+            UNROLL
+            for (int j = i; j > 0; j--) sum += taps[j - 1] * y[i - j];
+            y[i] = (uint64_t)e[i] + (uint64_t)((int64_t)sum >> SHIFT);
+            if (repeats && i < count && same[t + i]) y[i] = last & ~kept;
+            last = (last & kept) + y[i];
+            e[i] = (int64_t)(last + base);
+            history[now + i] = (double)(int64_t)y[i];
+        }
+        if (count == STEP) memcpy(out + t, e, sizeof e);
+        else memcpy(out + t, e, (size_t)count * sizeof *e);
+        for (int i = 0; i < count; i++) beyond |= ((uint64_t)e[i] + limit) | (limit - (uint64_t)e[i]);
+        if (RARE(beyond >> 63)) return BAD_INDEX;
+        now += count;
+        if (now > ORDERS + RING - STEP) {
+            memcpy(history, history + now - ORDERS, ORDERS * sizeof *history);
             now = ORDERS;
         }
     }
@@ -194,16 +258,17 @@ static int synthesise_polynomial(const plan *p, int64_t *out)
     }
 }
 
-#define WITH_REPEATS(kind)                                                    \
-    (p->repeats ? synthesise_as(p, f, same, out, kind, 1, p->difference)      \
-                : synthesise_as(p, f, same, out, kind, 0, p->difference))
+#define STEPS(name, target)                                                                       \
+    target static int name(const plan *p, int width, const uint8_t *same, int64_t *out)           \
+    {                                                                                             \
+        return p->repeats ? synthesise_steps(p, width, same, out, 1)                              \
+                          : synthesise_steps(p, width, same, out, 0);                             \
+    }
 
-static int synthesise_real(const plan *p, const filter *f, const uint8_t *same, int64_t *out)
-{
-    if (f->width == 8) return WITH_REPEATS(8);
-    if (f->width == 16) return WITH_REPEATS(16);
-    return f->width == 24 ? WITH_REPEATS(24) : WITH_REPEATS(32);
-}
+STEPS(synthesise_real, )
+#ifdef WIDE
+STEPS(synthesise_wide, WIDE)
+#endif
 
 static int synthesise(const plan *p, const uint8_t *same, int64_t *out)
 {
@@ -212,7 +277,10 @@ static int synthesise(const plan *p, const uint8_t *same, int64_t *out)
     if (!p->repeats && p->order <= UNROLLED) return synthesise_unrolled(p, out);
     filter_init(&f, p);
     return !p->order ? synthesise_as(p, &f, same, out, 0, 1, p->difference)
-           : f.real  ? synthesise_real(p, &f, same, out)
+#ifdef WIDE
+           : f.real && wide() ? synthesise_wide(p, f.width, same, out)
+#endif
+           : f.real  ? synthesise_real(p, f.width, same, out)
                      : synthesise_as(p, &f, same, out, 1, p->repeats, p->difference);
 }
 
@@ -341,7 +409,7 @@ INLINE int64_t errors_and_repeats(encoder *e, const plan *p, const int64_t *indi
 {
     int64_t fresh = 0;
     int recent = 0;
-    prediction_errors(p, indices, errors);
+    if (!p->ready) prediction_errors(p, indices, errors);
     if (p->cross)
         for (int64_t t = 0; t < p->span; t++) errors[t] -= p->cross[t];
     if (!p->repeats) return p->span;

@@ -121,8 +121,9 @@ class TrackDecoder:
                 packet.data,
                 self.parameters,
                 [component.calibration for component in self.track.components],
-                counts.astype(np.int64),
+                counts,
                 packet.offset,
+                self.track.parameters,
             )
         except HapfmtError as error:
             raise error.at(path=self.path) from None
@@ -144,12 +145,13 @@ class TrackDecoder:
                     packet.data, parameters, track.number_format, packet.span, size, packet.offset
                 )
                 if track.number_format == "counts":
-                    self.check_range(numbers, packet.offset, "RAW-005")
+                    self.check_range(numbers, packet.offset)
                 return numbers
             if isinstance(parameters, tuple):
-                counts = decode_counts(packet.data, packet.span, size, self.level, packet.offset)
-                self.check_range(counts, packet.offset, "EXA-003")
-                return counts.astype(np.int32)
+                return decode_counts(
+                    packet.data, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
             if isinstance(parameters, KnotParameters):
                 coded = parameters.coded
                 within = knots.decode_coded_within if coded else knots.decode_within
@@ -181,13 +183,13 @@ class TrackDecoder:
         except HapfmtError as error:
             raise error.at(path=self.path) from None
 
-    def check_range(self, numbers: NDArray[Any], offset: int, requirement: str) -> None:
+    def check_range(self, numbers: NDArray[Any], offset: int) -> None:
         """What is lossless is never clamped."""
         low, high = self.track.count_min, self.track.count_max
         if numbers.min() < low or numbers.max() > high:
             raise FormatError(
                 "a lossless count outside the declared range",
-                requirement=requirement,
+                requirement="RAW-005",
                 offset=offset,
             )
 
@@ -404,7 +406,9 @@ class Assembly:
         described = ref.track.components[ref.index]
         found = []
         for part in ref.parts:
-            own = replace(described, deviation=part.track.components[ref.index].deviation)
+            own = part.track.components[ref.index]
+            if own is not described:
+                own = replace(described, deviation=own.deviation)
             track = self.of_part(part)
             fast = None if self.band == "lf" else part.residual
             synthetic = SYNTHETIC in (part.track.codec, fast and fast.codec)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, BinaryIO
 
@@ -491,7 +491,10 @@ class Reader(Closing):
         known = {id_: decoder.track for id_, decoder in decoders.items()}
         found = self.packets(ranges, start, stop, progress)
         packets = (packet for packet in found if packet.track in known)
-        jobs = batches(packets, known, self.limits, BATCH if threads > 1 else 1)
+        if threads == 1:
+            yield from self.one_by_one(decoder, packets, known)
+            return
+        jobs = batches(packets, known, self.limits, BATCH)
         for batch, pieces in in_order(
             lambda job: (job, decode(job)), jobs, threads, lambda job: job.weight / IN_FLIGHT
         ):
@@ -503,6 +506,26 @@ class Reader(Closing):
                     raise piece
                 # In a damaged file a broken rule is part of the damage (SPEC clause 14).
                 self.lose_packet(packet, piece)
+
+    def one_by_one(
+        self, decoder: PieceDecoder, packets: Iterable[Packet], tracks: Mapping[int, Track]
+    ) -> Iterator[DecodedPiece]:
+        """As :meth:`pieces`, in the thread of the caller."""
+        work = 0
+        for packet in packets:
+            samples = tracks[packet.track].weight(packet.span, len(packet.data))
+            work += samples
+            self.limits.check("packet_samples", samples)
+            self.limits.check("work_samples", work)
+            try:
+                piece = decoder.decode(packet)
+            except FormatError as error:
+                if not self.catalogue.damaged:
+                    raise
+                # In a damaged file a broken rule is part of the damage (SPEC clause 14).
+                self.lose_packet(packet, error)
+                continue
+            yield piece
 
     def packets(
         self,
@@ -586,7 +609,7 @@ class Reader(Closing):
 
 
 def read(
-    file: str | os.PathLike[str] | bytes | BinaryIO,
+    file: str | os.PathLike[str] | bytes | BinaryIO | ByteSource,
     channels: Sequence[str | int] | str | int | None = None,
     start: Seconds | None = None,
     stop: Seconds | None = None,
