@@ -433,7 +433,7 @@ def encode_parts(
     def code(run: tuple[tuple[list[Channel], Links], int]) -> list[PlacedUnit]:
         (members, links), at = run
         rows = [
-            replace(each, channel=channel)
+            each if each.channel is channel else replace(each, channel=channel)
             for each, channel in zip(prepared[at : at + len(members)], members, strict=True)
         ]
         return list(encode_members(rows, links, first + at, job))
@@ -880,14 +880,19 @@ def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:
     tracks: list[Track] = []
     packets: list[Packet] = []
     for id_, (coded, base) in enumerate(numbered):
-        tracks.append(replace(coded.track, id=id_, base=base))
-        packets += [replace(packet, track=id_) for packet in join_constant(coded)]
+        tracks.append(coded.track.numbered(id_, base))
+        packets += [
+            Packet(id_, packet.start, packet.span, packet.data) for packet in join_constant(coded)
+        ]
     return tracks, packets
 
 
 def join_constant(coded: Coded) -> Iterator[Packet]:
     """Neighbours that are the same constant as one packet, so that silence costs next to nothing:
     a packet alone takes ten bytes of a cluster's table."""
+    if len(coded.packets) < 2:
+        yield from coded.packets
+        return
     runs: list[list[Packet]] = []
     limit = JOINED_TICKS // len(coded.track.components)
     for packet in coded.packets:

@@ -124,7 +124,7 @@ def spread(items: Sequence[T], count: int, offset: int) -> tuple[T, ...]:
 
 def share(items: Sequence[T]) -> Sequence[T]:
     """The shortest list that means the same."""
-    return items[:1] if all(item == items[0] for item in items) else items
+    return items[:1] if len(items) == 1 or all(item == items[0] for item in items) else items
 
 
 HEADER_SIZE = CHUNK_HEADER.size

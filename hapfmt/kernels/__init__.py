@@ -289,8 +289,8 @@ class Trellis(Protocol):
 
 
 class EncodePacket(Protocol):
-    """(indices int64, sines int32 [128], limits float64 [127], highest order, one part of so many
-    is looked at, sums as bits, whether other orders are tried, packets written) -> the packet.
+    """(indices int64, sines int32 [128], limits float64 [127], highest order, parts of which
+    one is looked at, sums as bits, whether other orders are tried, packets written) -> the packet.
     ValueError where it cannot be coded. encoder/predict.py says more."""
 
     def __call__(
@@ -424,6 +424,10 @@ class Kernels(Protocol):
     def find_cuts(
         self, indices: Buffer, sines: Buffer, limits: Buffer, starts: Buffer, /
     ) -> int: ...
+
+    def deflate(self, data: Buffer, /) -> bytes: ...
+
+    def piece_bits(self, numbers: Buffer, pieces: int, /) -> float: ...
 
     def polynomial_bits(self, indices: Buffer, /) -> float: ...
 
