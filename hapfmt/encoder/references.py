@@ -38,13 +38,14 @@ from ..limits import ZERO_LIMIT
 from ..numbers import clamp, rdiv
 from ..recording import Channel, Span
 from ..spool import release
+from ..threads import check_stopped
 from .bounded import contract_for, error_of
 from .gridded import nearest_uniform
 from .knots import Coded
 from .plan import Promise
 from .predict import encode_best, linear_predictor
 from .settings import Settings
-from .source import InputBlock, declared_range, make_track
+from .source import declared_range, make_track
 from .unit import Unit
 
 Indices = NDArray[np.int64]
@@ -425,20 +426,21 @@ def encode_run(
 ) -> Unit | None:
     """One track of several components, which alone are the units ``apart``; None where they have
     no common range of counts."""
-    counts = np.column_stack([channel.stored.astype(np.int64) for channel in channels])
-    low, high = declared_range(counts)
+    ends = [end for c in channels for end in (c.stored.min(), c.stored.max())]
+    low, high = declared_range(np.array(ends, np.int64))
     if not all(c.calibration and c.calibration.covers(low, high) for c in channels):
         return None
-    source = InputBlock(tuple(channels), counts, tuple(spans))
     grid = LpcParameters(step=2 * error + 1)
     base = make_track(channels, first_channel, codec="LPCR", count_min=low, count_max=high)
     coded = Coded(replace(base, parameters=grid.build()))
     sizes = [0] * len(channels)
-    for span, rows in source.pieces(source.counts):
-        columns = [
-            np.ascontiguousarray(nearest_uniform(rows[:, place], grid))
-            for place in range(len(channels))
-        ]
+    at = 0
+    for span in spans:
+        check_stopped()
+        rows = [channel.stored[at : at + span.ticks].astype(np.int64) for channel in channels]
+        columns = [np.ascontiguousarray(nearest_uniform(row, grid)) for row in rows]
+        at += span.ticks
+        release()
         packets = [
             encode_referring(
                 indices, packet_alone(unit, grid, span, indices), columns[:place], sources
