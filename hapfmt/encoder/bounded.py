@@ -316,7 +316,8 @@ def likely_ways(
             sizes[why] -= 3 * WINDOWS
     least = min(sizes.values())
     return sorted(
-        (way for way in ways if sizes.get(way[0], inf) <= NEAR * least + 4), key=lambda way: sizes[way[0]]
+        (way for way in ways if sizes.get(way[0], inf) <= NEAR * least + 4),
+        key=lambda way: sizes[way[0]],
     )
 
 
