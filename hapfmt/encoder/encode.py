@@ -162,8 +162,6 @@ class PlacedUnit:
     unit: Unit
     first: int
     members: list[Gridded]
-    apart: tuple[PlacedUnit, ...] = ()
-    """The channels of a track with references, each alone."""
     tracks: tuple[PlacedUnit, ...] = ()
     """Where these are several tracks, whose channels lie among each other: what each became."""
     numbers: tuple[int, ...] = ()
@@ -485,27 +483,22 @@ def as_recorded(channel: Channel) -> Channel:
 def encode_members(
     members: list[Gridded], links: Links, first: int, job: EncodeJob
 ) -> Iterator[PlacedUnit]:
-    """Units and their channels: together, or apart where links do not make them smaller."""
+    """Units and their channels: together where they are linked."""
     if not links:
         yield PlacedUnit(encode_unit(members, first, job), first, members)
         return
-    apart = [
-        PlacedUnit(encode_unit([each], first + place, job), first + place, [each])
-        for place, each in enumerate(members)
-    ]
-    units = [part.unit for part in apart]
     channels = [each.channel for each in members]
     error = error_of(channels[0], members[0].promise)
     # Half of the components: packets of LPCR take less than five bytes a sample.
     half = (len(channels) + 1) // 2
     spans = job.spans(channels, range(first, first + len(channels)), half)
-    joint = encode_run(channels, first, error, spans, links, units)
-    if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in units):
+    joint = encode_run(channels, first, error, spans, links, job.settings.searches)
+    if joint:
         joint.channels = tuple(channels)
-        joint.least = sum(unit.least for unit in units)
-        yield PlacedUnit(joint, first, members, tuple(apart))
-    else:
-        yield from apart
+        yield PlacedUnit(joint, first, members)
+        return
+    for place, each in enumerate(members):
+        yield PlacedUnit(encode_unit([each], first + place, job), first + place, [each])
 
 
 def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUnit]:
@@ -654,14 +647,11 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
         at = max(stop, at + 1)
     asked = [each.promise for part in parts for each in part.members]
     rivals = [in_place(part, asked) for part in rivals]
-    # A track with references may not displace channels that are smaller alone.
-    alone = [in_place(each, asked) for part in rivals for each in part.apart or (part,)]
-    apart = list(smaller(parts, alone))
-    mixed = list(smaller(apart, rivals))
+    mixed = list(smaller(parts, rivals))
     if not small or not all(doubtful):
         return [mixed]
     choices: dict[tuple[int, ...], list[PlacedUnit]] = {}
-    for each in (rivals, alone, mixed, apart):
+    for each in (rivals, mixed):
         choices.setdefault(tuple(id(part.unit.base) for part in each), each)
     near = min(map(total_cost, choices.values())) + METADATA + UNSURE * len(job.originals)
     return [each for each in choices.values() if total_cost(each) <= near]
