@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
-from math import exp, log, log2, sqrt
+from math import exp, inf, log, log2, sqrt
 
 import numpy as np
 
@@ -32,9 +32,9 @@ from .synthetic import with_synthetic
 from .unit import Unit, bound_of, decode_all, in_coarser_counts, whole_range
 from .ways import CodedTrial, Way, ways_of
 
-WITHIN, CLOSEST, TRIES = 0.97, 1.05, 12
-"""Where the slow part leaves its deadband, the next step is that with WITHIN of a deadband. The
-interval to a step that leaves it is then halved, to 5 %."""
+NARROWER, JUMPS, TRIES = 0.8, 2.0, 16
+"""Where the slow part leaves its deadband, the step becomes NARROWER, or where that is far off as
+narrow as leaves it JUMPS times. The interval to a step that leaves it is halved once."""
 
 NEAR = 0.99
 """The search for a step ends where the error is at least this share of the largest allowed one."""
@@ -55,6 +55,9 @@ filter at 33 million (SPEC 9.10)."""
 
 HOPE = 1.4
 """A transform is left out where its estimated size is this many times the best one's."""
+
+ALIKE = 1.15
+"""Grids are tried whose estimated sizes are at most this many times the smallest one's."""
 
 PAYS, PAYS_MORE = 0.25, 0.15
 """Bits a sample, and share of those of the grid, that a transform may save at one mean error."""
@@ -120,10 +123,12 @@ def pays(felt: FeltChannel, size: int) -> bool:
 
 
 def smallest_of(trials: Sequence[CodedTrial], felt: FeltChannel, best: Unit | None) -> Unit | None:
-    """The best so far, or the one of these trials that about takes the fewest bits."""
-    if len(trials) > 1:
-        trials = [min(trials, key=lambda each: bits_of(each, felt))]
-    return coded(trials[0], felt, best) if trials else best
+    """The best so far, or one of these trials that about take the fewest bits."""
+    bits = [bits_of(trial, felt) if len(trials) > 1 else 0.0 for trial in trials]
+    for trial, each in zip(trials, bits, strict=True):
+        if each <= ALIKE * min(bits):
+            best = coded(trial, felt, best)
+    return best
 
 
 def bits_of(trial: CodedTrial, felt: FeltChannel) -> float:
@@ -224,6 +229,7 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
     step, most = way.first, float(np.ptp(felt.x))
     near = max(NEAR_ENOUGH, allowed**SHARE_OF_DB) if way.costly else NEAR
     low = high = best = None
+    bias = 1.0
     for _ in range(SEARCHED):
         trial = way.at(step)
         if trial is None:
@@ -231,9 +237,11 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
         if trial.step in (low and low[0], high and high[0]):
             break
         step = trial.step
-        error = error_of(trial, felt)
-        if error <= allowed and error >= near * allowed:
+        known = None if trial.noise is None else felt.measure.error_of(trial.noise)
+        error = inf if known is None else bias * known
+        if known is None or near * allowed <= error <= allowed:
             error = felt.measure.error(trial.samples)
+            bias = error / known if known else 1.0
         if error <= allowed:
             low, best = (step, error), trial
             if error >= near * allowed or step >= most:
@@ -253,30 +261,24 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
     return widest(steadier, felt) if steadier else narrower(way, felt, low[0], excess)
 
 
-def error_of(trial: CodedTrial, felt: FeltChannel) -> float:
-    """The error of a trial, without decoding where that is possible."""
-    known = None if trial.noise is None else felt.measure.error_of(trial.noise)
-    return felt.measure.error(trial.samples) if known is None else known
-
-
 def narrower(way: Way, felt: FeltChannel, wide: float, excess: float) -> CodedTrial | None:
     """The trial of about the widest step below ``wide`` whose slow part keeps the deadband.
 
-    excess: by how much it leaves it at ``wide``. It grows about as the step.
+    excess: by how much it leaves it at ``wide``. It grows about as the step, but jumps.
     """
-    found, low, step = None, 0.0, wide * max(WITHIN / excess, 1 / FACTOR)
+    found, low = None, 0.0
     for _ in range(TRIES):
+        step = sqrt(low * wide) if low else wide * min(NARROWER, JUMPS / excess)
         trial = way.at(step)
         if trial is None or trial.step in (low, wide):
             break
         excess = felt.slow_excess(trial.samples)
-        if excess <= 1:
-            low, found = trial.step, replace(trial, limited=True)
-            if excess >= NEAR_ENOUGH or low * CLOSEST >= wide:
-                break
-        else:
+        if excess > 1:
             wide = trial.step
-        step = sqrt(low * wide) if low else wide * max(WITHIN / excess, 1 / FACTOR)
+        else:
+            halved, low, found = bool(low), trial.step, replace(trial, limited=True)
+            if halved or excess >= NEAR_ENOUGH:
+                break
     return found
 
 

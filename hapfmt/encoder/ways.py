@@ -76,6 +76,9 @@ deadband."""
 
 FREE_TRIALS = 2
 
+STEADIER, FURTHER = 0.7, 1.4
+"""Smaller weights also move the errors of other coefficients."""
+
 NATIVE = 4
 """A step of fewer counts of the source is tried in whole counts too: a source with few distinct
 values, such as the difference of encoder counts, loses nothing on its own grid."""
@@ -385,19 +388,27 @@ def way_of_lines_and_transform(felt: FeltChannel, split: Split) -> Way | None:
     return lapped.way(track, calibration, unit_of)
 
 
+class Slow(NamedTuple):
+    """A weight for the bands of the slow part, and how many times the split frequency they reach
+    to."""
+
+    weight: int = WEIGHT_ONE
+    reach: float = SLOW_BAND
+
+
 def weighted(
-    way: Callable[[int, float], CodedTrial | None],
+    way: Callable[[Slow, float], CodedTrial | None],
     first: float,
-    weight: int = WEIGHT_ONE,
+    slow: Slow = Slow(),  # noqa: B008
     bits: float | None = None,
 ) -> Way:
-    """A way by MDCT, and after it those with smaller weights of slow coefficients."""
+    """A way by MDCT, and after it those with smaller weights of slow coefficients, and of more."""
 
     def steadier(step: float, excess: float) -> Way | None:
-        less = min(int(weight / excess), weight - 1)
-        return weighted(way, step, less) if less > 0 else None
+        less = min(int(STEADIER * slow.weight / excess), slow.weight // 2)
+        return weighted(way, step, Slow(less, FURTHER * slow.reach)) if less > 0 else None
 
-    return Way(partial(way, weight), first, True, steadier, bits)
+    return Way(partial(way, slow), first, True, steadier, bits)
 
 
 class Lapped:
@@ -436,8 +447,8 @@ class Lapped:
     ) -> Way:
         """unit_of: decoded counts and a function that gives the unit, of a track and its step."""
 
-        def at(weight: int, step: float) -> CodedTrial | None:
-            parameters = self.parameters(step, weight)
+        def at(slow: Slow, step: float) -> CodedTrial | None:
+            parameters = self.parameters(step, slow)
             found = self.quantised(parameters)
             if found is None:
                 return None
@@ -483,22 +494,21 @@ class Lapped:
                 self.classes[place] = each.classes
         return found
 
-    def parameters(self, step: float, weight: int = WEIGHT_ONE) -> TransformParameters:
+    def parameters(self, step: float, slow: Slow = Slow()) -> TransformParameters:  # noqa: B008
         counts = step / self.count / sqrt(2 * self.size)
-        even = weight == WEIGHT_ONE and not self.felt.weighting
-        weights = b"" if even else self.weights(weight)
+        even = slow.weight == WEIGHT_ONE and not self.felt.weighting
+        weights = b"" if even else self.weights(slow)
         return TransformParameters(self.size, clamp(round(UNIT * counts), 1, STEP_MOST), weights)
 
-    def weights(self, weight: int) -> bytes:
-        """Weights of bands: the steps that a person feels alike, times the weight for bands that
-        begin below SLOW_BAND times the split frequency."""
-        slow = SLOW_BAND * self.felt.cutoff_hz
+    def weights(self, slow: Slow) -> bytes:
+        """Weights of bands: the steps that a person feels alike, times the weight of slow ones."""
+        hz = slow.reach * self.felt.cutoff_hz
         bands = min(self.size, WEIGHTS_LIMIT)
         if not self.felt.weighting:
-            bands = min(1 << ceil(log2(max(self.rate / slow, 2))), bands)
+            bands = min(1 << ceil(log2(max(self.rate / SLOW_BAND / self.felt.cutoff_hz, 2))), bands)
         width = self.rate / 2 / bands
         factors = self.thresholds(np.arange(0.5, bands) * width) ** self.felt.weighting
-        factors[: min(ceil(slow / width), bands)] *= weight / WEIGHT_ONE
+        factors[: min(ceil(hz / width), bands)] *= slow.weight / WEIGHT_ONE
         return bytes(np.clip(np.rint(WEIGHT_ONE * factors), 0, 255).astype(np.uint8))
 
     def thresholds(self, hz: Doubles) -> Doubles:
