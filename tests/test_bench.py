@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import subprocess
 import sys
@@ -13,8 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spec import ROOT
 
+import hapfmt
+from hapfmt import Settings
+from hapfmt.encoder.effort import without
+
 sys.path.insert(0, str(ROOT / "tools"))
 
+import speeds
 from peers import exact, packages, relative, zipped
 from results import Cell, Row, mean
 
@@ -128,3 +134,31 @@ def test_names_the_peers_that_are_missing():
     every = " ".join(packages.PACKAGES)
     told = run("--task", "lossless", "--only", "cork", without=every)
     assert told.splitlines()[-1].endswith("pip install " + " ".join(packages.PACKAGES.values()))
+
+
+@pytest.mark.deep
+def test_times_are_multiples_of_flac(tmp_path):
+    times = json.loads(run("--speed", "--json", "--only", "cork", "--repeats", "1"))
+    assert set(times["simulated cork"]) == {*speeds.PRESETS, speeds.DECODED} == {*speeds.WANTED}
+    assert all(0 < factor < 1e5 for factor in times["simulated cork"].values())
+    run("--picture", str(tmp_path / "p.png"), "--only", "cork", "--repeats", "1")
+    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_price_of_a_search_is_what_is_lost_and_saved_without_it():
+    assert speeds.price([(100, 1.0), (100, 3.0)], [(110, 0.5), (100, 1.5)]) == pytest.approx(
+        (5, 50)
+    )
+    walks = speeds.walks()
+    with without("cuts"):
+        assert not Settings().searches.cuts
+        data = speeds.write(speeds.shortened(walks, 100), {})
+    assert Settings().searches.cuts
+    assert hapfmt.read(data).sample_count == 22 * 100
+
+
+def test_flac_runs_on_counts_of_any_range():
+    wide = np.array([0, 1 << 30, -(1 << 30)] * 50, np.int32)
+    far = np.arange(1 << 24, (1 << 24) + 50, dtype=np.int32)
+    found = speeds.run_flac(hapfmt.Recording((hapfmt.Channel(wide, 1), hapfmt.Channel(far, 1))), 1)
+    assert found.size > 100

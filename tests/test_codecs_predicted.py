@@ -194,7 +194,7 @@ class TestPackets:
             x[t] = 1.9 * np.cos(0.6) * x[t - 1] - 0.9025 * x[t - 2] + noise[t]
         x[6000:8000] = rng.normal(0, 4000, 2000)
         counts = np.rint(x).astype(np.int64)
-        data = encode_best(counts, thorough=False)
+        data = encode_best(counts)
         assert decoded(data, counts.size) == counts.tolist()
         # By the energy of all samples, the loud eighth decides: 8.3 bits.
         assert 8 * len(data) < 7.8 * counts.size

@@ -8,8 +8,6 @@ import re
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +24,7 @@ import hapfmt
 from hapfmt.codecs import predicted
 from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, decode_indices, encode_indices
 from hapfmt.encoder import predict
+from hapfmt.encoder.effort import EFFORTS
 from hapfmt.errors import FormatError
 from hapfmt.kernels import compiled
 
@@ -145,18 +144,11 @@ class TestTwins:
 class TestSearch:
     """What the encoder asks before it writes a packet: the same numbers, so the same bytes."""
 
-    @given(cases, st.booleans(), st.sampled_from([4, 6000]))
-    def test_estimates(self, case, counted, short):
-        indices, predictor = case
-        if not counted:
-            predictor = replace(predictor, repeats=False)
-
-        def estimate():
-            return predict.estimate(indices, predictor, int(np.abs(indices).max()), counted=counted)
-
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(predict, "LONG", short)
-            assert assert_same(estimate) > -1e-6
+    @given(rows, st.sampled_from(sorted(EFFORTS)))
+    def test_packets(self, indices, effort):
+        data = assert_same(predict.encode_best, indices, EFFORTS[effort])
+        assert decoded(data, indices.size, INDEX_LIMIT) == indices.tolist()
+        assert_same(predict.quick_estimate, indices)
 
     @given(
         strategies.index_arrays(), st.sampled_from([0, 1]), st.sampled_from([0, 5, -INDEX_LIMIT])
@@ -169,15 +161,27 @@ class TestSearch:
         assert len(reflections) == len(energies) <= 32
         assert all(-127 <= k <= 127 for k in reflections)
 
-    @pytest.mark.parametrize("size", [4095, 4096, 4097, 6000, 9001])
+    @pytest.mark.parametrize("effort", sorted(EFFORTS))
     @pytest.mark.parametrize("width", [3, 10**6])
-    def test_chosen_predictors(self, size, width):
-        x = np.random.default_rng(size).integers(-width, width, size).cumsum()
-        for row in (x, np.repeat(x, 2)[:size], (width * np.sin(x[:size] * 1e-3)).astype(np.int64)):
-            extent = int(np.abs(row).max())
-            for balanced in (False, True):
-                choose = partial(predict.choose_predictors, balanced=balanced)
-                assert_same(choose, row, extent)
+    def test_long_packets(self, effort, width):
+        """Loud and quiet parts, repeats, a sine that is nearly singular, and errors too large."""
+        x = np.random.default_rng(width).integers(-width, width, 3000).cumsum()
+        far = np.arange(3000) // 64 % 3 == 1
+        for row in (
+            np.where(np.arange(x.size) < 1500, x, x[1500] + x // width),
+            np.repeat(x, 3)[: x.size],
+            np.rint(1e3 * width * np.sin(np.arange(x.size) * 1e-3)).astype(np.int64),
+            np.where(far & (x % 7 == 0), np.sign(x) * INDEX_LIMIT, x % 5),
+        ):
+            data = assert_same(predict.encode_best, row, EFFORTS[effort])
+            assert decode_indices(data, row.size, INDEX_LIMIT, 0).tolist() == row.tolist()
+
+    @given(st.integers(0, 9), st.sampled_from([1, 300, 10**7]))
+    def test_cuts(self, seed, width):
+        rng = np.random.default_rng(seed)
+        x = rng.integers(-width, width + 1, 20_000 + seed)
+        x[: 9000 + seed] = x[: 9000 + seed].cumsum()
+        assert_same(predict.best_cuts, x % 2**30)
 
     @given(st.lists(st.integers(-127, 127), max_size=32).map(tuple))
     def test_step_up(self, ks):
@@ -207,12 +211,21 @@ class TestSearch:
                 compiled.autocorrelate(indices, order, base, sums)
         with pytest.raises(ValueError, match="order 32"):
             compiled.levinson(given(33), 33, given(127), given(32, np.int8), given(32))
-        for change in ({1: 5}, {4: 0}, {5: 10}, {7: given(3) + 10}, {8: given(14)}):
-            row = [given(0, np.int32), 0, False, True, 1, 0, 9, given(3), given(15)]
+        for change in (
+            {0: given(0)}, {0: given(3) + 2**33}, {0: bytes(7)}, {1: given(127, np.int32)},
+            {1: given(128, np.int32) - 1}, {2: given(126, np.float64)}, {3: 33}, {3: -1},
+            {4: 0}, {5: 16}, {7: 0},
+        ):  # fmt: skip
+            row = [given(3), given(128, np.int32), given(127, np.float64), 32, 3, 7, False, 1]
             for at, value in change.items():
                 row[at] = value
-            with pytest.raises(ValueError, match="not a predictor"):
-                compiled.estimate(*row)
+            with pytest.raises(ValueError, match="not indices"):
+                compiled.encode_packet(*row)
+        with pytest.raises(ValueError, match="not indices"):
+            compiled.find_cuts(given(3), given(128, np.int32), given(127, np.float64), given(15))
+        for indices in (given(0), given(3) + 2**33):
+            with pytest.raises(ValueError, match="not indices"):
+                compiled.polynomial_bits(indices)
 
 
 ARGUMENTS = {

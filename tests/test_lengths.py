@@ -52,17 +52,15 @@ def test_doubles_are_cut_as_well():
     assert [packet.span for packet in encoded.packets] == [5 * SHORTEST_CUT, 5 * SHORTEST_CUT]
 
 
-def test_pieces_that_are_larger_together_are_not_kept():
+def test_no_cuts_are_looked_for_where_none_are_wanted():
     x = np.concatenate([coloured(0.5, 2 * SHORTEST_CUT, 1), coloured(2.5, 2 * SHORTEST_CUT, 2)])
-    span = Span(100, 100 + x.size)
+    span, middle = Span(100, 100 + x.size), 100 + 2 * SHORTEST_CUT
 
-    def code(size):
-        return lambda part: bytes(size(part.stop - part.start))
+    def parts(**given_):
+        return [s for s, _ in fitting_packets(span, x, lambda _part: b"", **given_)]
 
-    assert [s for s, _ in fitting_packets(span, x, code(lambda n: n))] == [span]
-    middle = span.start + 2 * SHORTEST_CUT
-    halves = [Span(span.start, middle), Span(middle, span.stop)]
-    assert [s for s, _ in fitting_packets(span, x, code(lambda n: n * n // SHORTEST_CUT))] == halves
+    assert parts() == [Span(span.start, middle), Span(middle, span.stop)]
+    assert parts(cuts=False) == [span]
 
 
 @settings(max_examples=20, deadline=None)

@@ -43,7 +43,8 @@ ENCODER_OPTIONS: dict[str, str | tuple[str, str]] = {
     "felt": (f"timed.npz OUT {PERCEPTUAL} --felt frame_index", "--felt does nothing for 'frame_index': it is lossless"),
     "texture": (f"volts.npz OUT {PERCEPTUAL} --no-texture", f"--no-texture would do nothing: {NOT_FELT}"),
     "bitrate": (f"volts.npz OUT {PERCEPTUAL} --bitrate 9", f"--bitrate would do nothing: {NOT_FELT}"),
-    "fast": ("force.npz OUT --preset paper --fast", "--fast requires preset lossless, not paper"),
+    "effort": ("force.npz OUT --preset paper --effort best", "--effort requires preset lossless or .*, not paper"),
+    "fast": ("force.npz OUT --preset paper --fast", "--effort requires preset lossless or .*, not paper"),
     "force_error": ("force.npz OUT --preset near-lossless --max-error 50% --force-error", "--force-error would do nothing: give a --max-error in a unit or in lsb"),
     "k": (f"volts.npz OUT {PERCEPTUAL} --k 5%", f"--k would do nothing: {NOT_FELT}"),
     "floor": (f"volts.npz OUT {PERCEPTUAL} --floor 1%", f"--floor would do nothing: {NOT_FELT}"),
@@ -104,7 +105,7 @@ RECORD_OPTIONS: dict[str, str | tuple[str, str]] = {
     "unit": ("OUT -i header.txt --unit N", f"--unit {HEADER}"),
     "lsb": ("OUT -i header.txt --lsb 0.1", f"--lsb {HEADER}"),
     "preset": ACTS,
-    "fast": ("OUT -i bare.txt --rate 1000 --preset near-lossless --max-error 0.01 --fast", "--fast requires preset lossless"),
+    "fast": ALLOWS,
     "max_error": (f"OUT -i bare.txt {LIVE} --unit N --max-error 0.1", "--max-error does nothing here: every channel is felt"),
     "force_error": (f"OUT -i bare.txt {LIVE} --unit N --force-error", "--force-error would do nothing"),
     "k": (f"OUT -i bare.txt {LIVE} --k 5%", f"--k would do nothing: {NOT_FELT}"),
@@ -225,7 +226,7 @@ SETTINGS: dict[str, str | tuple[Channel, dict[str, Any], str]] = {
     "force_error": (FORCE, {"force_error": True}, "force_error=True would do nothing: give a max_error"),
     "vectors": (FORCE, {"texture": False, "vectors": "required"}, "vectors would do nothing: no neighbours share a group"),
     "references": ALLOWS,
-    "fast": (FORCE, {"fast": True}, "fast=True requires preset lossless"),
+    "effort": (FORCE, {"preset": "paper", "effort": "fast"}, "effort requires preset lossless or"),
     "felt": (FORCE, {"felt": "x"}, "felt does nothing for 'x': its unit or quantity says that it is felt"),
     "texture": (VOLTS, {"texture": False}, f"texture=False would do nothing: {PYTHON_NOT_FELT}"),
     "smallest": ALLOWS,
@@ -342,5 +343,5 @@ class TestMore:
         assert said.startswith("max_error does nothing for 'x': no step is known")
 
     def test_references_that_fast_does_not_look_for(self) -> None:
-        with pytest.raises(ParameterError, match="fast=True looks for no references"):
+        with pytest.raises(ParameterError, match="effort='fast' looks for no references"):
             Settings.of("lossless", fast=True, references=True)

@@ -165,7 +165,9 @@ class TestNames:
             ("near-lossless", {"snr": 20.0}, "snr requires preset perceptual"),
             ("perceptual", {"bits": 5}, "bits requires preset paper"),
             ("perceptual", {"step": "1lsb"}, "step requires preset paper"),
-            ("perceptual", {"fast": True}, "fast=True requires preset lossless"),
+            ("paper", {"fast": True}, "effort requires preset lossless or near-lossless or"),
+            ("lossless", {"fast": True, "effort": "best"}, "fast=True or effort='best', not both"),
+            ("lossless", {"effort": "most"}, "the effort is one of fast, default, best"),
             ("paper", {"texture": False}, "texture=False requires preset perceptual"),
             ("paper", {"felt": "all"}, "felt requires preset perceptual"),
             ("paper", {"references": False}, "references=False requires"),
@@ -543,7 +545,7 @@ KEPT: dict[str, Recording] = {
     "odd": Recording((doubles(np.where(T == 1, 1e3, PUSH), "N", lsb=0.001),)),
 }  # fmt: skip
 ASKED: dict[str, list[dict[str, object]]] = {
-    "lossless": [{}, {"fast": True}],
+    "lossless": [{}, {"fast": True}, {"effort": "best"}],
     "near-lossless": [
         {}, {"max_error": "2lsb"}, {"references": False},
         {"max_error": "0.01", "force_error": True, "tolerance": 0.001},

@@ -2,6 +2,10 @@
 
 python tools/bench.py [DATA]          a folder of recordings, or one; default: ../shared/data
 python tools/bench.py --simulated     no data needed
+python tools/bench.py --speed         times of all presets as multiples of flac -8, and memory
+python tools/bench.py --against COMMIT      the same, beside another commit
+python tools/bench.py --searches      what each search of the encoder gains, and costs
+python tools/bench.py --picture FILE  size against encoding and decoding time
 
 Bits per sample (b/s) of packets, and of whole files. A peer's are the bytes of its own format and 4
 for each channel; its whole file is a zip of them with names, rates and units. Every sample of every
@@ -22,6 +26,7 @@ import installed  # noqa: F401
 
 import click
 import numpy as np
+import speeds
 from measured import DATA, files_in, origin, timed
 from peers.exact import Coder, double_coders, integer_coders
 from peers.packages import PACKAGES, left_out, versions
@@ -138,19 +143,24 @@ def counted(channel: hapfmt.Channel, counts: np.ndarray) -> hapfmt.Channel:
 
 def lossless_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
     """Integer counts."""
-    search = all(channel.lsb is None for channel in recording.channels)
-    found = [(c, counts_of(c, search=search)) for c in recording.channels if c.stored.size]
-    known = [(channel, counts) for channel, counts in found if counts is not None]
-    if not known:
+    ours = in_counts(recording)
+    if ours is None:
         return
-    arrays = [counts for _, counts in known]
-    ours = replace(recording, channels=tuple(counted(*pair) for pair in known))
+    arrays = [channel.stored for channel in ours.channels]
     fast = hapfmt.Settings.of("lossless", fast=True)
     yield Job(
         name, "lossless",
         {"lossless": (ours, hapfmt.Settings.of("lossless")), "lossless --fast": (ours, fast)},
         lambda _channel: list(integer_coders()), arrays, lambda found: same(arrays, found),
     )  # fmt: skip
+
+
+def in_counts(recording: hapfmt.Recording) -> hapfmt.Recording | None:
+    """The channels that are integers, as counts; None where there are none."""
+    search = all(channel.lsb is None for channel in recording.channels)
+    found = [(c, counts_of(c, search=search)) for c in recording.channels if c.stored.size]
+    known = tuple(counted(c, counts) for c, counts in found if counts is not None)
+    return replace(recording, channels=known) if known else None
 
 
 def doubles_jobs(name: str, recording: hapfmt.Recording) -> Iterator[Job]:
@@ -315,9 +325,15 @@ def tell(rows: Sequence[Row]) -> None:
 @click.option("--rate", help="For files without a rate.")
 @click.option("--repeats", default=3, type=click.IntRange(1), help="Runs; the best one counts.")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="A row for each coder.")
+@click.option("--speed", is_flag=True, help="Times as multiples of flac -8, and memory.")
+@click.option("--json", "as_json", is_flag=True, help="Of --speed: times alone.")
+@click.option("--searches", is_flag=True, help="What each search gains and costs.")
+@click.option("--against", metavar="COMMIT", help="Times here and at another commit.")
+@click.option("--picture", type=click.Path(path_type=Path), help="Size against time.")
 def main(
     data: Path | None, simulated: bool, seconds: float, task: str, ks: str, only: str,
-    rate: str | None, repeats: int, csv_path: Path | None,
+    rate: str | None, repeats: int, csv_path: Path | None, speed: bool, as_json: bool,
+    searches: bool, against: str | None, picture: Path | None,
 ) -> None:  # fmt: skip
     tasks, weber = task.split(","), ks.split(",")
     if unknown := set(tasks) - set(TASKS):
@@ -330,6 +346,22 @@ def main(
         found = [(name, scene) for name, scene in scenes(seconds).items() if only in name]
     else:
         found = list(load_all(data or DATA, only, rate))
+    if speed or searches or against or picture:
+        integers = [(name, counts) for name, each in found if (counts := in_counts(each))]
+        cases = speeds.cases_of(integers, data or DATA)
+        if searches:
+            speeds.print_searches(integers, repeats)
+        elif against:
+            chosen = ["--simulated", "--seconds", str(seconds)] if simulated else []
+            given = [str(data.resolve())] if data else []
+            speeds.print_against(against, [*given, *chosen, "--only", only], cases, repeats)
+        elif picture:
+            speeds.draw(cases, picture, repeats)
+        else:
+            speeds.print_times(cases, repeats, as_json=as_json)
+        if not as_json:
+            print(origin())
+        return
     warm_up()
     rows: list[Row] = []
     jobs = list(jobs_of(found, tasks, weber))

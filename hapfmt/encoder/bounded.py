@@ -22,10 +22,11 @@ from ..codecs.knots import KnotParameters, encode_knots
 from ..deadband import Deadband
 from ..format.track import Contract, Track
 from ..recording import Channel, Span
+from .effort import EFFORTS, Effort
 from .gridded import Indices, grid_within, levels_of, nearest_level, nearest_uniform, places
 from .knots import Coded, fill_below, plain_knots, select_knots
 from .plan import Promise, without_glitches
-from .predict import encode_best, encode_quick, fitting_packets, quick_estimate
+from .predict import encode_best, fitting_packets, quick_estimate
 from .settings import counts_of
 from .source import InputBlock
 from .tube import (
@@ -189,11 +190,10 @@ KNOT_WAYS = 3
 """The first of :func:`scalar_ways`."""
 
 
-def encode_lossless(source: InputBlock, base: Track, *, fast: bool = False) -> Unit:
-    code = encode_quick if fast else partial(encode_best, thorough=False)
-    coded = code_grid(source, base, LpcParameters(), nearest_uniform, code=code)
+def encode_lossless(source: InputBlock, base: Track, effort: Effort | None = None) -> Unit:
+    coded = code_grid(source, base, LpcParameters(), nearest_uniform, effort=effort)
     assert coded
-    return Unit(coded, None, "predicted", "lossless, fast" if fast else "lossless", exact=True)
+    return Unit(coded, None, "predicted", "lossless", exact=True)
 
 
 def error_of(channel: Channel, promise: Promise) -> int:
@@ -268,7 +268,7 @@ def code_grid(
     to_indices: Callable[[Indices, LpcParameters], Indices],
     smallest: int | None = None,
     *,
-    code: Callable[[Indices], bytes] = encode_best,
+    effort: Effort | None = None,
 ) -> Coded | None:
     """None where it is sure not to be below ``smallest``."""
 
@@ -280,13 +280,15 @@ def code_grid(
     if smallest is not None and hopeless((indices for _, indices in pieces()), smallest):
         return None
     coded = Coded(replace(base, codec="LPCR", parameters=grid.build()))
+    effort = effort or EFFORTS["default"]
 
     def packets() -> Iterator[tuple[Span, bytes]]:
         for span, indices in pieces():
-            yield from fitting_packets(span, indices, partial(code_part, indices))
+            code = partial(code_part, indices)
+            yield from fitting_packets(span, indices, code, cuts=effort.cuts)
 
     def code_part(indices: Indices, part: slice) -> bytes:
-        return code(indices[part])
+        return encode_best(indices[part], effort)
 
     return fill_below(coded, packets(), smallest)
 

@@ -33,11 +33,53 @@ class Effort:
     lines: bool = False
     """A texture without silent stretches is tried after lines for its slow part too."""
 
+    high_orders: bool = True
+    """Predictors have up to 32 coefficients, not 12."""
+
+    plain_sums: bool = True
+    """Predictors come also from sums in which loud parts outweigh quiet ones."""
+
+    undifferenced: bool = True
+    """Predictors are also of the samples, not only of their differences."""
+
+    every_sample: bool = False
+    """Estimates look at each sample, not at one in three."""
+
+    other_orders: bool = False
+    """Of the best sums, other orders are tried as well."""
+
+    written: int = 1
+    """Packets that are written, for the smallest to stay."""
+
+    @property
+    def highest(self) -> int:
+        """The highest order of a predictor."""
+        return 32 if self.high_orders else 12
+
+    @property
+    def stride(self) -> int:
+        """One part of so many is looked at."""
+        return 1 if self.every_sample else 3
+
+    @property
+    def sums(self) -> int:
+        """Which sums predictors come from, as bits."""
+        return 1 | 2 * self.plain_sums | 4 * self.undifferenced
+
 
 EFFORTS: dict[EffortName, Effort] = {
-    "fast": Effort(references=False, relations=False),
+    "fast": Effort(
+        references=False,
+        relations=False,
+        cuts=False,
+        high_orders=False,
+        plain_sums=False,
+        undifferenced=False,
+    ),
     "default": Effort(),
     "best": Effort(lines=True),
+=======
+    "best": Effort(every_sample=True, other_orders=True, written=6),
 }
 
 SEARCHES = tuple(field.name for field in fields(Effort))

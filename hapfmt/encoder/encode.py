@@ -797,7 +797,7 @@ def encode_source(
     if promise.lossless:
 
         def as_counts() -> Unit:
-            return encode_lossless(source, base, fast=settings.fast)
+            return encode_lossless(source, base, settings.searches)
 
         rounded = original.stored.dtype == "f8" and channel.deviation is None and sparse(counts)
         if rounded:

@@ -710,7 +710,7 @@ def linear_packet(
 ) -> tuple[bytes, list[int]]:
     """One packet, and how many of its bytes each component takes."""
     indices = [np.ascontiguousarray(counts[:, place]) for place in range(len(candidates))]
-    packets = [encode_best(row, thorough=False) for row in indices]
+    packets = [encode_best(row) for row in indices]
     parts = [
         smallest_exact(lacking_of(x, each.parameters, each.affine, row, columns))
         for x, each, row in zip(columns, candidates, indices, strict=True)

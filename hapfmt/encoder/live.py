@@ -63,7 +63,7 @@ from .plan import (
     quantity_of,
     without_glitches,
 )
-from .predict import encode_best, encode_quick
+from .predict import encode_best
 from .rational import shortest_fraction
 from .settings import ALL, WEBER_LIMITS, Settings, Tolerance
 from .source import PACKET_SAMPLES, InputBlock, component_of
@@ -486,7 +486,7 @@ class ExactEncoder:
 
     def __init__(self, plan: Plan, number: int, lattice: LiveLattice) -> None:
         self.named, self.lattice = f"channel {number} ({plan.input.label!r})", lattice
-        self.pack = encode_quick if plan.settings.fast else partial(encode_best, live=True)
+        self.pack = partial(encode_best, effort=plan.settings.searches)
         channel = replace(plan.channel, calibration=lattice.calibration)
         self.track = replace(plan, channel=channel).track(
             number,
@@ -768,7 +768,7 @@ class GridEncoder:
         self.track = plan.track(
             number, codec="LPCR", parameters=plan.grid.build(), contract=plan.contract
         )
-        self.pack = encode_quick if plan.settings.fast else partial(encode_best, live=True)
+        self.pack = partial(encode_best, effort=plan.settings.searches)
 
     def take(self, values: NDArray[Any], start: int) -> NDArray[np.int64]:
         return self.plan.counts(values, self.number, start)

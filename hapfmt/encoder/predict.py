@@ -1,12 +1,12 @@
-"""The predictor of each LPCR packet, by description length; and how long the packets are.
+"""The predictor of each LPCR packet, by estimates of its size; and how long the packets are.
 
 A predictor is a fixed polynomial or LPC. Reflection coefficients are quantised in the arcsine
 domain, where steps are finest near 1 (J. D. Markel, A. H. Gray, "Linear Prediction of Speech",
 Springer 1976). kernels/ has the same loops in C, with the same numbers.
 
-The quick way chooses with little work. It tries a fixed polynomial and LPC of the differences. The
-energies that the recursion leaves give the order of LPC. The one with the smaller prediction errors
-wins.
+Sums of products of the samples give predictors of any order, and the energy that each order leaves.
+The best order of each kind of sums is compared with polynomials by a part of its prediction errors.
+Estimates decide; the packet is written once.
 
 Packets are long for size, and shorter against damage. A packet is cut in halves where separate
 predictors save more than they cost. Sums of products of each piece tell how well any predictor does
@@ -15,16 +15,17 @@ there, so that each sample is read once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import inf, log2, pi, sin
+from math import frexp, inf, pi, sin, sqrt
+from operator import mul
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codecs.entropy import ERROR_BITS
+from ..codecs.entropy import ERROR_BITS, bit_cost, probability
 from ..codecs.predicted import (
     BY_BITS,
     DIFFERENCE_LIMIT,
@@ -34,43 +35,37 @@ from ..codecs.predicted import (
     Predictor,
     differences,
     encode_indices,
-    encode_predicted,
-    errors_of,
-    prediction_errors,
 )
 from ..kernels import compiled
 from ..recording import Span
+from .effort import EFFORTS, Effort
 
 Indices = NDArray[np.int64]
-
-ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 20, 24, 28, 32)
-"""LPC orders that are tried; orders between them give nearly the same sizes."""
-
-TRIED = (3, 8, 20)
-"""The loud parts of a packet need more coefficients than its quiet rest repays. So these orders are
-tried as well."""
 
 COEFFICIENT_COST = 8
 """Bits."""
 
-REPEAT_SHARE = 0.02
-"""Repeats are tried from this share of unchanged samples on."""
+SUMS = 4
+"""Sums are of first differences where quiet parts and loud ones count alike, of first differences,
+and the same two of the samples: their bits say which are tried."""
 
-FINALISTS, SPARSE, SHORT = 3, 1.5, 1500
-"""The encoder writes the packets of the best 3 predictors, with repeats and without, and keeps the
-smallest. It does so where samples take less than 1.5 bits, or are fewer than 1500: the estimate of
-the size is not exact enough there."""
+PART, COSTED, SHARE = 64, 32, 0.3
+"""Samples whose loudness is one number, and those whose mean error is. Loudness is the mean error
+of the best polynomial, and a SHARE of a count for rounding."""
 
-LONG, ESTIMATED_PIECE, STRIDE = 6000, 256, 3
-"""Packets of 6000 samples and more: a predictor is estimated from every third piece of 256 samples.
-With every fifth piece some packets were 2 % larger."""
+MORE = 1 / 16384
+"""Added to predictions, which are multiples of 2**-13, so that halves are rounded up."""
 
-SCALED_BITS, SUM_BLOCK, COST_BLOCK = 18, 4096, 32
+REPEAT_SHARE = 50
+"""Repeats are tried where more than one sample in 50 repeats the one before."""
 
-BALANCED, LOUDNESS_BLOCK, LOUDNESS_BITS = 2048, 128, 14
-"""Packets of 2048 samples and more: loud and quiet parts have equal weight in the predictor. This
-saves 3 % of shock51k and 2 to 5 % of dropbear. Samples are divided by the mean error around them,
-measured in blocks of 128; the quotients have 14 fractional bits."""
+SPARSE = 1.5
+"""Bits a sample. Below, what codes by bits may expect repeats anyway, so that way is looked at."""
+
+POLYNOMIALS = ((), (), (1,), (2, -1), (3, -3, 1))
+"""As predictors of the samples, or of their first differences."""
+
+SCALED_BITS, SUM_BLOCK = 18, 4096
 
 NOISE = 1e-9
 """Added to the autocorrelation at lag 0, relative to it, with the rounding noise of 1/12 a sample.
@@ -80,100 +75,205 @@ LIMITS = np.array([sin(pi * (2 * k + 1) / 512) for k in range(127)])
 """Where one reflection coefficient ends and the next begins."""
 
 
-def encode_best(indices: Indices, *, thorough: bool = True, live: bool = False) -> bytes:
-    """The smallest packet found; ``thorough``: several are written, not only where the estimate
-    is not to be trusted. ``live``: the estimate alone decides (0.04 % larger, 30 % less time)."""
-    if (indices == indices[0]).all():
-        return encode_indices(indices, Predictor())
+@dataclass(frozen=True)
+class Way:
+    """A predictor, and what it predicts with: the samples or their first differences."""
+
+    predictor: Predictor
+    set: int = -1
+    """The sums that it comes from."""
+    bits: int = -1
+    """256 times those of the packet; -1: not known, or an error that cannot be coded."""
+
+    @property
+    def taps(self) -> list[float]:
+        if self.predictor.reflections:
+            return [c / (1 << SHIFT) for c in self.predictor.coefficients or []]
+        return [float(c) for c in POLYNOMIALS[self.predictor.difference]]
+
+
+def encode_best(indices: Indices, effort: Effort | None = None) -> bytes:
+    """A packet of the predictor that is best by estimates. ``effort``: None is the default one.
+
+    ValueError where an index is beyond 2**32."""
+    effort = effort or EFFORTS["default"]
     plain = np.ascontiguousarray(indices, np.int64)
-    extent = max(-int(plain.min()), int(plain.max()))
-    ranked = choose_predictors(plain, extent, balanced=plain.size >= BALANCED)
-    marks = np.count_nonzero(plain[1:] == plain[:-1]) > REPEAT_SHARE * plain.size
-    unsure = plain.size < SHORT or ranked[0][0] < SPARSE * plain.size
-    if not live and (thorough or unsure):
-        ways = [way for _, way in ranked[:FINALISTS]]
-        if ranked[0][0] < SPARSE * plain.size:
-            ways += [way for way in steady_predictors(plain) if way not in ways]
-        packets = [(encode_indices(plain, way), way) for way in ways]
-        best, predictor = min(packets, key=lambda pair: len(pair[0]))
-        if marks and not has_models(best, predictor):
-            other = replace(predictor, repeats=True)
-            best = min(best, encode_indices(plain, other), key=len)
-        return best
-    bits, predictor = ranked[0]
-    if marks:
-        other = replace(predictor, repeats=True)
-        if estimate(plain, other, extent, counted=True) < bits:
-            predictor = other
-    return encode_indices(plain, predictor)
+    if compiled is not None:
+        return compiled.encode_packet(
+            plain, TABLE, LIMITS, effort.highest, effort.stride, effort.sums,
+            effort.other_orders, max(effort.written, 1),
+        )  # fmt: skip
+    first = int(plain[0])
+    if (plain == first).all():
+        return encode_indices(plain, Predictor())
+    ranked = Choice(plain, effort).ranked()
+    tried = [way.predictor for way in ranked[: max(effort.written, 1)]]
+    packets = []
+    if tried and tried[0].repeats and ranked[0].bits < SPARSE * 256 * plain.size:
+        other = replace(tried[0], repeats=False)
+        packets = written(plain, [other])
+        if len(tried) == 1 and packets and packets[0][len(other.build())] == BY_BITS:
+            return packets[0]
+    packets += written(plain, tried)
+    # An error may be too large in what no estimate looked at.
+    packets = packets or [encode_indices(plain, Predictor(0, (), mean_of(plain)))]
+    return min(packets, key=len)
 
 
-def steady_predictors(indices: Indices) -> list[Predictor]:
-    """For quiet channels: what learns can tell more of differences than a predictor leaves."""
-    return [Predictor(order, (), int(indices[0])) for order in (1, 2)]
+def written(indices: Indices, predictors: Sequence[Predictor]) -> list[bytes]:
+    found = []
+    for predictor in predictors:
+        with suppress(ValueError):
+            found.append(encode_indices(indices, predictor))
+    return found
 
 
-def has_models(packet: bytes, predictor: Predictor) -> bool:
-    """Whether its prediction errors are coded by bits, which expect repeats anyway."""
-    return packet[len(predictor.build())] == BY_BITS
+def mean_of(indices: Indices) -> int:
+    """Rounded to nearest."""
+    return (2 * int(indices.sum()) + indices.size) // (2 * indices.size)
+
+
+class Choice:
+    """The ways to predict a packet. kernels/choice.h has the same, in the same order."""
+
+    def __init__(self, indices: Indices, effort: Effort) -> None:
+        self.indices, self.effort, self.size = indices, effort, indices.size
+        self.bases = mean_of(indices), int(indices[0])
+        self.rows = [(indices - base).astype(np.float64) for base in self.bases]
+        self.rows[1] = np.diff(self.rows[1], prepend=0.0)
+        self.parts = -(-self.size // PART)
+        self.looked_at = np.arange(self.size) // PART % effort.stride == 0
+        self.seen = int(np.count_nonzero(self.looked_at))
+
+    def ranked(self) -> list[Way]:
+        """The best first."""
+        polynomials = [
+            Way(Predictor(g, (), self.bases[g > 0])) for g in range(DIFFERENCE_LIMIT + 1)
+        ]
+        loudness = self.loudness([self.errors(way) for way in polynomials])
+        ways: list[Way] = []
+        reflections: dict[int, list[int]] = {}
+        for place in range(SUMS):
+            if self.effort.sums >> place & 1:
+                reflections[place], order = self.linear(place, loudness)
+                ways += self.way(place, reflections[place][:order])
+        ways = [self.measured(way) for way in ways]
+        able = [way for way in ways if way.bits >= 0]
+        if self.effort.other_orders and able:
+            best = min(able, key=lambda way: way.bits)
+            every = reflections[best.set]
+            for order in (*range(1, 4), *range(4, len(every) + 1, 4)):
+                if order <= len(every) and order != len(best.predictor.reflections):
+                    ways += map(self.measured, self.way(best.set, every[:order]))
+        ways += map(self.measured, polynomials)
+        able = sorted((self.whole(way) for way in ways if way.bits >= 0), key=lambda way: way.bits)
+        marks = np.count_nonzero(self.indices[1:] == self.indices[:-1])
+        if able and marks * REPEAT_SHARE > self.size:
+            marked = self.measured(
+                replace(able[0], predictor=replace(able[0].predictor, repeats=True))
+            )
+            if marked.bits >= 0:
+                marked = self.whole(marked, 4)
+                able.insert(marked.bits >= able[0].bits, marked)
+        return able
+
+    def way(self, place: int, reflections: Sequence[int]) -> list[Way]:
+        """None where there is nothing to predict with, or it is out of range."""
+        difference = int(place < 2)
+        predictor = Predictor(difference, tuple(reflections), self.bases[difference])
+        return [Way(predictor, place)] if reflections and predictor.coefficients is not None else []
+
+    def errors(self, way: Way) -> NDArray[np.float64]:
+        """Prediction errors, four coefficients at a time."""
+        x, taps = self.rows[way.predictor.difference > 0], way.taps
+        taps += [0.0] * (-len(taps) % 4)
+        past = np.concatenate((np.zeros(len(taps)), x))
+        sums = np.zeros(x.size)
+        for j in range(0, len(taps), 4):
+            a, b, c, d = (
+                taps[k] * past[len(taps) - 1 - k : past.size - 1 - k] for k in range(j, j + 4)
+            )
+            sums += (a + b) + (c + d)
+        return np.asarray(x - np.rint(sums + MORE))
+
+    def loudness(self, errors: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """One over the loudness of each part."""
+        starts = np.arange(0, self.size, PART)
+        least = np.min([np.add.reduceat(np.abs(e), starts) for e in errors], axis=0)
+        return np.asarray(1 / (least / np.diff(np.append(starts, self.size)) + SHARE))
+
+    def linear(self, place: int, loudness: NDArray[np.float64]) -> tuple[list[int], int]:
+        """Reflection coefficients, and the order whose energy best repays them."""
+        x = self.rows[place < 2]
+        noise = np.diff(np.append(np.arange(0, self.size, PART), self.size)).astype(np.float64)
+        if place % 2 == 0:
+            ends = np.concatenate((loudness[:1], loudness, loudness[-1:]))
+            at = np.arange(self.size) + PART // 2
+            left = at // PART
+            x = x * (ends[left] + (ends[left + 1] - ends[left]) * (at % PART / PART))
+            noise = noise * (loudness * loudness)
+        r = self.products(x)
+        r[0] = r[0] * (1 + NOISE) + np.cumsum(noise)[-1] / 12
+        r += [0.0] * (ORDER_LIMIT + 1 - len(r))
+        reflections, energies = recursion(r, min(self.effort.highest, self.size - 1))
+        return reflections, best_order(energies, self.size)
+
+    def products(self, x: NDArray[np.float64]) -> list[float]:
+        """Sums of x[i] * x[i - lag], part by part: rounded sums have one order."""
+        highest = self.effort.highest
+        past = np.concatenate((np.zeros(highest), x))
+        now = past[highest:]
+        lags = range(highest + 1)
+        return [in_parts(now * past[highest - lag : past.size - lag]) for lag in lags]
+
+    def measured(self, way: Way) -> Way:
+        """With the bits of the parts that are looked at."""
+        errors, total, counts = self.errors(way), 0, np.zeros((4, 2), np.int64)
+        same = np.concatenate(([False], self.indices[1:] == self.indices[:-1]))
+        for start in range(0, self.size, self.effort.stride * PART):
+            e = errors[start : start + PART]
+            if way.predictor.repeats:
+                marks = same[start : start + PART].astype(np.int64)
+                before = np.concatenate(([0, 0], marks))
+                np.add.at(counts, (2 * before[1:-1] + before[:-2], marks), 1)
+                e = e[marks == 0]
+            bits = bits_of(e)
+            if bits < 0:
+                return replace(way, bits=-1)
+            total += bits
+        if way.predictor.repeats:
+            for zeros, ones in counts.tolist():
+                p = probability(zeros, ones)
+                total += zeros * bit_cost(256 - p) + ones * bit_cost(p)
+        return replace(way, bits=total)
+
+    def whole(self, way: Way, more: int = 0) -> Way:
+        """With the bits of all samples; ``more``: bytes of the header."""
+        size = len(way.predictor.reflections) + more
+        bits = way.bits * self.size // self.seen + 256 * COEFFICIENT_COST * size
+        return replace(way, bits=bits)
+
+
+def bits_of(errors: NDArray[np.float64]) -> int:
+    """256 times their bits, by the logarithm of the mean of a few; -1: one cannot be coded."""
+    magnitudes = np.abs(errors).astype(np.int64)
+    if not magnitudes.size or int(magnitudes.max()) >> ERROR_BITS:
+        return -1 if magnitudes.size else 0
+    starts = np.arange(0, magnitudes.size, COSTED)
+    sums, sizes = np.add.reduceat(magnitudes, starts), np.diff(np.append(starts, magnitudes.size))
+    return int((sizes * (logs(32 * sizes + 87 * sums) - logs(32 * sizes))).sum())
 
 
 def quick_estimate(indices: Indices) -> float:
     """Bits of a packet by the best of the first three fixed polynomials."""
     plain = np.ascontiguousarray(indices, np.int64)
-    extent = max(-int(plain.min()), int(plain.max()))
-    first, mean = int(plain[0]), int(np.floor(plain.mean() + 0.5))
-    return min(
-        estimate(plain, Predictor(order, (), base), extent)
-        for order, base in enumerate((mean, first, first))
-    )
-
-
-def choose_predictors(
-    indices: Indices, extent: int, *, balanced: bool = False
-) -> list[tuple[float, Predictor]]:
-    """(bits, predictor), the best first: fixed polynomials while each is better than the one
-    before, and LPC; ``balanced``: LPC too that quiet parts and loud ones decide alike."""
-    first, mean = int(indices[0]), int(np.floor(indices.mean() + 0.5))
-    found: dict[Predictor, float] = {}
-
-    def weigh(predictor: Predictor) -> float:
-        found[predictor] = estimate(indices, predictor, extent)
-        return found[predictor]
-
-    before = inf
-    for difference in range(DIFFERENCE_LIMIT + 1):
-        bits = weigh(Predictor(difference, (), first if difference else mean))
-        if bits >= before:
-            break
-        before = bits
-    tried = [
-        (weigh(predictor), difference, reflections)
-        for difference, base in ((0, mean), (1, first))
-        for predictor, reflections in (linear_predictor(indices, difference, base),)
-        if reflections
-    ]
-    if tried:
-        _, difference, reflections = min(tried, key=lambda row: row[0])
-        for order in TRIED:
-            predictor = Predictor(difference, tuple(reflections[:order]), (mean, first)[difference])
-            if predictor not in found:
-                weigh(predictor)
-    best = min(found, key=found.__getitem__)
-    if balanced and found[best] < inf:
-        loudness = loudness_of(indices, best)
-        for difference, base in ((0, mean), (1, first)):
-            reflections = balanced_reflections(indices, difference, base, loudness)
-            for order in (*TRIED, len(reflections)):
-                predictor = Predictor(difference, tuple(reflections[:order]), base)
-                if order <= len(reflections) and predictor not in found:
-                    weigh(predictor)
-    ranked = sorted(found, key=found.__getitem__)
-    bits = estimate(indices, ranked[0], extent, counted=True)
-    if bits == inf:
-        # An error too large in what the estimate did not look at; these are below 2**33.
-        return [(inf, Predictor(0, (), mean))]
-    return [(bits, way) for way in ranked if found[way] < inf]
+    if compiled is not None:
+        return compiled.polynomial_bits(plain) / 256
+    rows = [plain - mean_of(plain), plain - plain[0]]
+    rows[1] = np.diff(rows[1], prepend=0)
+    rows.append(np.diff(rows[1], prepend=0))
+    found = [(bits_of(row.astype(np.float64)), int(np.count_nonzero(row))) for row in rows]
+    return min((bits / 256 + signs for bits, signs in found if bits >= 0), default=inf)
 
 
 def linear_predictor(indices: Indices, difference: int, base: int) -> tuple[Predictor, list[int]]:
@@ -181,39 +281,19 @@ def linear_predictor(indices: Indices, difference: int, base: int) -> tuple[Pred
     sums = autocorrelations(indices, difference, base)
     orders = min(ORDER_LIMIT, indices.size - 1)
     reflections, energies = levinson(sums, indices.size, orders)
-    weighed = [
-        (indices.size / 2 * log2(energies[m - 1]) + COEFFICIENT_COST * m, m)
-        for m in ORDERS
-        if m <= len(energies) and energies[m - 1] > 0
-    ]
-    order = min(weighed)[1] if weighed else 0
+    order = best_order(energies, indices.size)
     return Predictor(difference, tuple(reflections[:order]), base), reflections
 
 
-def balanced_reflections(
-    indices: Indices, difference: int, base: int, loudness: Indices
-) -> list[int]:
-    """Reflection coefficients of the samples divided by ``loudness``: bits are saved by the ratio
-    of errors, in quiet parts as in loud ones."""
-    y = (differences(indices - base, difference) << LOUDNESS_BITS) // loudness
-    shift = max(int(np.abs(y).max()).bit_length() - SCALED_BITS, 0)
-    sums = autocorrelations(y >> shift, 0, 0)
-    # Samples are rounded before they are divided.
-    rounding = int((((1 << LOUDNESS_BITS) // loudness) ** 2).sum()) >> 2 * shift
-    return levinson(sums, rounding, min(ORDER_LIMIT, indices.size - 1))[0]
-
-
-def loudness_of(indices: Indices, predictor: Predictor) -> Indices:
-    """For each sample 16 times the mean prediction error around it, and some for rounding."""
-    c = predictor.coefficients or []
-    errors = np.abs(prediction_errors(indices, predictor.difference, c, predictor.base))
-    starts = np.arange(0, errors.size, LOUDNESS_BLOCK)
-    sizes = np.diff(np.append(starts, errors.size))
-    means = 16 * np.add.reduceat(errors, starts) // sizes + 5
-    at = np.arange(errors.size) + LOUDNESS_BLOCK // 2
-    left, place = at // LOUDNESS_BLOCK, at % LOUDNESS_BLOCK
-    means = np.concatenate((means[:1], means, means[-1:]))
-    return np.asarray(means[left] + (means[left + 1] - means[left]) * place // LOUDNESS_BLOCK)
+def best_order(energies: Sequence[float], size: int) -> int:
+    """Whose energy best repays its coefficients."""
+    a = 1.3862943611198906 * COEFFICIENT_COST / size
+    factor, found = 1.0, [(inf, 0)]
+    for order, energy in enumerate(energies, 1):
+        factor *= 1 + a + a * a / 2
+        if energy > 0:
+            found.append((energy * factor, order))
+    return min(found)[1]
 
 
 def autocorrelations(indices: Indices, order: int, base: int) -> list[int]:
@@ -268,82 +348,6 @@ def recursion(r: list[float], orders: int) -> tuple[list[int], list[float]]:
     return reflections, energies
 
 
-def estimate(
-    indices: Indices, predictor: Predictor, extent: int, *, counted: bool = False
-) -> float:
-    """Bits of a packet, all samples being within ``extent`` of 0.
-
-    They are those of Laplacian prediction errors whose scale is that of their block, infinite
-    where one of them cannot be coded (SPEC RNG-003, LPC-005). ``counted``: signs and repeats
-    take the bits of their models, which takes longer to find; else a sign is a bit.
-    """
-    c = predictor.coefficients
-    if c is None:
-        return inf
-    counts = np.zeros(15, np.int64)
-    stride = 1 if counted or indices.size < LONG else STRIDE
-    if compiled is not None:
-        cost = compiled.estimate(
-            np.array(c, np.int32), predictor.difference, predictor.repeats, counted, stride,
-            predictor.base, max(extent, abs(predictor.base)), indices, counts,
-        )  # fmt: skip
-    else:
-        cost = cost_of(indices, predictor, c, counts, stride, counted=counted)
-    if cost < 0:
-        return inf
-    header = COEFFICIENT_COST * len(c)
-    if not counted:
-        whole, rest = divmod(indices.size, stride * ESTIMATED_PIECE)
-        seen = whole * ESTIMATED_PIECE + min(rest, ESTIMATED_PIECE)
-        return (cost / 256 + int(counts[-1])) * indices.size / seen + header
-    pairs = counts[:-1].reshape(7, 2).tolist()
-    saved = sum(saving(*pair) for pair in pairs[:3])
-    # What is modelled takes what raw bits would, less what that saves.
-    marks = sum(sum(pair) - saving(*pair) for pair in pairs[3:])
-    return cost / 256 + int(counts[-1]) - saved + marks + header
-
-
-def cost_of(
-    indices: Indices,
-    predictor: Predictor,
-    c: list[int],
-    counts: Indices,
-    stride: int,
-    *,
-    counted: bool,
-) -> int:
-    """256 times the bits without signs and repeats, log2(1 + e * mean) for each of a block; -1
-    where an error cannot be coded.
-
-    ``counts`` [15]: positive and negative ones after a negative one, none, a positive one; then
-    the zeros and ones that say that a sample repeats, for each of their models; and all that are
-    not 0. Where they are not ``counted``, the last alone.
-    """
-    y = differences(indices - predictor.base, predictor.difference)
-    e = errors_of(y, c)
-    blocks = np.arange(e.size) // COST_BLOCK
-    if stride > 1:
-        seen = np.arange(e.size) // ESTIMATED_PIECE % stride == 0
-        e, blocks = e[seen], blocks[seen]
-    if predictor.repeats:
-        same = np.concatenate(([0], (indices[1:] == indices[:-1]).astype(np.int64)))
-        models = 2 * same[:-1] + np.concatenate(([0], same[:-2]))
-        counts[6:-1] = np.bincount(2 * models + same[1:], minlength=8)
-        e, blocks = e[same == 0], blocks[same == 0]
-    magnitudes, signs = np.abs(e), np.sign(e)
-    if int(magnitudes.max()) >> ERROR_BITS:
-        return -1
-    some = signs != 0
-    counts[-1] = np.count_nonzero(some)
-    if counted:
-        after = np.concatenate(([0], signs[:-1]))[some]
-        counts[:6] = np.bincount(2 * after + 2 + (signs[some] < 0), minlength=6)
-    first = np.flatnonzero(np.diff(blocks, prepend=-1))
-    sums = np.add.reduceat(magnitudes, first)
-    sizes = np.diff(np.append(first, e.size))
-    return int((sizes * (logs(32 * sizes + 87 * sums) - logs(32 * sizes))).sum())
-
-
 def logs(v: Indices) -> Indices:
     """256 times the binary logarithm, the mantissa taken for its own logarithm."""
     lg = np.frexp(v.astype(np.float64))[1].astype(np.int64) - 1
@@ -351,149 +355,14 @@ def logs(v: Indices) -> Indices:
     return np.asarray(256 * lg + (mantissa & 255))
 
 
-def saving(a: int, b: int) -> float:
-    """Bits that modelling a + b bits saves, a of them zeros."""
-    n = a + b
-    return n + sum(x * log2(x / n) for x in (a, b) if x) if n else 0.0
+SHORTEST_CUT, PIECES = 4096, 16
+"""Samples of the shortest packet that is cut off; most packets."""
 
+CUT_BITS = 496
+"""Bits that a cut must save: a row of 12 bytes, the first states, averages that start from one
+byte."""
 
-FAST_ORDERS, POLYNOMIALS = 12, 3
-"""Highest orders: LPC 12 and fixed polynomials 3 (32 and 4: 0.4 % smaller, measured, at twice the
-work)."""
-
-COST = 24
-"""Bits that a coefficient must save: it takes 8, and time (the mean size is the same)."""
-
-FAST_PIECE, HISTORY, FAST_NOISE = 1024, 36, 1e-6
-"""Samples whose autocorrelation is taken at a time, and those before them that it reaches into;
-relative noise, without which a sine has reflections of magnitude 1."""
-
-BLOCK, U_BITS = 32, 35
-"""Errors whose mean is taken at a time; bits of the largest error and its sign."""
-
-FAST_REPEAT_SHARE = 0.25
-"""If more samples than this repeat the one before, repeats are marked (gloves: half the size)."""
-
-SEEN, SEEN_OF = 256, 4
-"""One piece in four tells how large prediction errors are."""
-
-
-def encode_quick(indices: Indices) -> bytes:
-    """A packet whose predictor little work has found."""
-    plain = np.ascontiguousarray(indices, np.int64)
-    first = int(plain[0])
-    if first == plain[-1] and (plain == first).all():
-        return encode_indices(plain, Predictor())
-    predictor = quick_predictor(plain)
-    try:
-        if predictor.repeats:
-            other = replace(predictor, repeats=False)
-            packet = encode_predicted(plain, other)
-            if has_models(packet, other):
-                return packet
-        return encode_predicted(plain, predictor)
-    except ValueError:
-        # An error is too large in a part that the estimate skipped.
-        return encode_predicted(plain, Predictor(0, (), first))
-
-
-def quick_predictor(indices: Indices) -> Predictor:
-    """With repeats where they are frequent."""
-    repeats = np.count_nonzero(indices[1:] == indices[:-1]) > FAST_REPEAT_SHARE * indices.size
-    return replace(choose_quick(indices), repeats=bool(repeats))
-
-
-def choose_quick(indices: Indices) -> Predictor:
-    first, costs = int(indices[0]), costs_of(indices.size)
-    if compiled is not None:
-        found, coefficients = np.zeros(FAST_ORDERS, np.int8), np.zeros(FAST_ORDERS, np.int32)
-        g, order = compiled.quick_predictor(indices, TABLE, LIMITS, costs, found, coefficients)
-        return Predictor(g, tuple(found[:order].tolist()), first)
-    best, smallest = Predictor(0, (), first), weight(indices, 0, [])
-    for difference in range(1, POLYNOMIALS + 1):
-        size = weight(indices, difference, [])
-        if size < 0 or (smallest >= 0 and size >= smallest):
-            if difference > 1:
-                break
-            continue
-        best, smallest = Predictor(difference, (), first), size
-    linear = quick_linear_predictor(indices, costs.tolist())
-    c = linear.coefficients
-    if c:
-        size = weight(indices, 1, c)
-        if size >= 0 and (smallest < 0 or size < smallest):
-            return linear
-    return best
-
-
-@lru_cache(maxsize=32)
-def costs_of(size: int) -> NDArray[np.float64]:
-    """The factor by which each order must lower the energy of ``size`` samples."""
-    return np.asarray(2.0 ** (np.arange(1, FAST_ORDERS + 1) * (2 * COST / size)))
-
-
-def quick_linear_predictor(indices: Indices, costs: list[float]) -> Predictor:
-    """The order whose energy best repays its coefficients."""
-    orders = min(FAST_ORDERS, indices.size - 1)
-    reflections, energies = recursion(quick_autocorrelation(indices), orders)
-    weighed = [
-        (energy * cost, m)
-        for m, (energy, cost) in enumerate(zip(energies, costs, strict=False), 1)
-        if energy > 0
-    ]
-    order = min(weighed)[1] if weighed else 0
-    return Predictor(1, tuple(reflections[:order]), int(indices[0]))
-
-
-def quick_autocorrelation(indices: Indices) -> list[float]:
-    """Autocorrelation of the first differences at lags 0 to 12, from one piece in two; 0 beyond.
-
-    Each piece is divided by its own energy, since bits go by its logarithm; sums of 18 bits are
-    exact.
-    """
-    y = np.concatenate((np.zeros(HISTORY, np.int64), np.diff(indices, prepend=indices[0])))
-    stride = 2 * FAST_PIECE if indices.size > 4 * FAST_PIECE else FAST_PIECE
-    r = [0.0] * (ORDER_LIMIT + 1)
-    for start in range(0, indices.size, stride):
-        x = y[start : start + HISTORY + FAST_PIECE]
-        bits = int(np.bitwise_or.reduce(np.where(x < 0, ~x, x))).bit_length()
-        x = x >> max(bits - SCALED_BITS, 0)
-        now = x[HISTORY:]
-        sums = [
-            int((now * x[HISTORY - lag : x.size - lag]).sum()) for lag in range(FAST_ORDERS + 1)
-        ]
-        energy = float(sums[0] + now.size)
-        for lag, value in enumerate(sums):
-            r[lag] += value / energy
-    r[0] *= 1 + FAST_NOISE
-    return r
-
-
-def weight(indices: Indices, difference: int, c: list[int]) -> int:
-    """256 times about the bits of the prediction errors that are looked at, by the logarithm of
-    each block's mean; -1 where one of them is too large to be coded."""
-    e = errors_of(differences(indices - indices[0], difference), c)
-    if e.size > SEEN * SEEN_OF:
-        e = e[np.arange(e.size) // SEEN % SEEN_OF == 0]
-    codes = np.where(e < 0, -2 * e - 1, 2 * e)
-    if (codes >> U_BITS).any():
-        return -1
-    return int(logs(BLOCK + 2 * np.add.reduceat(codes, np.arange(0, e.size, BLOCK))).sum())
-
-
-Sums = NDArray[np.float64]
-
-SHORTEST_CUT = 4096
-"""Samples of the shortest packet that is cut off."""
-
-PACKET_BITS = 400
-"""Fixed cost of a packet: its row in the table of its cluster, its first states, and averages that
-start from one byte (30 to 40 bytes, measured)."""
-
-ROW = 12
-"""Bytes of a row in the table of its cluster."""
-
-CUT_ORDERS = (0, 1, 2, 8, 20, ORDER_LIMIT)
+CUT_ORDERS = (0, 1, 2, 4, 8, 11)
 
 SPREAD = 3.8
 """Errors of this many counts and more take a bit each time they double: 5.4 times the mean of a
@@ -501,34 +370,28 @@ Laplacian distribution, by its deviation."""
 
 
 def fitting_packets(
-    span: Span, indices: Indices, code: Callable[[slice], bytes]
+    span: Span, indices: Indices, code: Callable[[slice], bytes], *, cuts: bool = True
 ) -> Iterator[tuple[Span, bytes]]:
     """The packet of a span, or several that are smaller together; ``code`` makes one of a part."""
-    whole = code(slice(0, span.ticks))
-    edges = [*best_cuts(indices), span.ticks]
-    packets = [code(slice(a, b)) for a, b in pairwise(edges)] if len(edges) > 2 else [whole]
-    if sum(map(len, packets)) + ROW * (len(packets) - 1) >= len(whole):
-        yield span, whole
-        return
-    for (a, b), packet in zip(pairwise(edges), packets, strict=True):
-        yield Span(span.start + a, span.start + b), packet
+    edges = [*(best_cuts(indices) if cuts else [0]), span.ticks]
+    for a, b in pairwise(edges):
+        yield Span(span.start + a, span.start + b), code(slice(a, b))
 
 
 def best_cuts(indices: Indices) -> list[int]:
     """Where packets begin that take few bits: of the shortest ones those neighbours become one
     that save most by that, until none does."""
-    count = indices.size // SHORTEST_CUT
-    if count < 2 or (indices == indices[0]).all():
+    count = min(indices.size // SHORTEST_CUT, PIECES)
+    if count < 2:
         return [0]
-    edges = [indices.size * k // count for k in range(count + 1)]
-    views = [PieceSums(indices, edges, order) for order in (0, 1)]
-
-    def cost(first: int, stop: int) -> float:
-        return min(view.bits(first, stop) for view in views) + PACKET_BITS
-
+    plain = np.ascontiguousarray(indices, np.int64)
+    if compiled is not None:
+        found = np.zeros(PIECES, np.int64)
+        return list(found[: compiled.find_cuts(plain, TABLE, LIMITS, found)].tolist())
+    pieces = Pieces(plain, [plain.size * k // count for k in range(count + 1)])
     starts = list(range(count + 1))
-    costs = [cost(k, k + 1) for k in range(count)]
-    joint = [cost(k, k + 2) for k in range(count - 1)]
+    costs = [pieces.bits(k, k + 1)[0] for k in range(count)]
+    joint = [pieces.bits(k, k + 2)[0] for k in range(count - 1)]
     while joint:
         least, place = min((joint[k] - costs[k] - costs[k + 1], k) for k in range(len(joint)))
         if least >= 0:
@@ -537,62 +400,72 @@ def best_cuts(indices: Indices) -> list[int]:
         del starts[place + 1], joint[place]
         for k in (place - 1, place):
             if 0 <= k < len(joint):
-                joint[k] = cost(starts[k], starts[k + 2])
-    return [edges[k] for k in starts[:-1]]
+                joint[k] = pieces.bits(starts[k], starts[k + 2])[0]
+    return [pieces.edges[k] for k in starts[:-1]]
 
 
-class PieceSums:
-    """The differences of one order, piece by piece: sums of products, lag 0 to 32, and how much a
-    piece counts where a predictor serves several."""
+class Pieces:
+    """Sums of products of first differences, piece by piece, and how much a piece counts where a
+    predictor serves several."""
 
-    def __init__(self, indices: Indices, edges: Sequence[int], order: int) -> None:
-        base = int(indices[0]) if order else int(np.floor(indices.mean() + 0.5))
-        y = differences(indices - base, order)
-        shift = max(int(np.abs(y).max()).bit_length() - SCALED_BITS, 0)
-        y >>= shift
-        pieces = pairwise(edges)
-        rows = [autocorrelations(np.ascontiguousarray(y[a:b]), 0, 0) for a, b in pieces]
-        self.order, self.scale = order, 4.0**shift
-        self.sizes = np.diff(edges).astype(np.float64)
-        self.sums: Sums = np.array(rows, np.float64)
-        self.found: dict[tuple[int, int], tuple[float, float]] = {}
-        self.weights = np.ones(len(rows))
-        self.weights = np.array([1 / self.best(k, k + 1)[1] for k in range(len(rows))])
+    def __init__(self, indices: Indices, edges: list[int]) -> None:
+        self.edges, self.sizes = edges, np.diff(edges).tolist()
+        lags = CUT_ORDERS[-1] + 1
+        self.sums: list[list[float]] = []
+        for a, b in pairwise(edges):
+            x = np.diff(indices[a:b], prepend=indices[a]).astype(np.float64)
+            past = np.concatenate((np.zeros(lags), x))
+            shifted = (past[lags - lag : past.size - lag] for lag in range(lags))
+            self.sums.append([in_parts(x * then) for then in shifted])
+        self.weights = [1.0] * len(self.sizes)
+        energies = [self.bits(k, k + 1)[1] for k in range(len(self.sizes))]
+        self.weights = [n / e for n, e in zip(self.sizes, energies, strict=True)]
 
-    def bits(self, first: int, stop: int) -> float:
-        return self.best(first, stop)[0]
-
-    def best(self, first: int, stop: int) -> tuple[float, float]:
-        """Bits of one packet of these pieces, and the energy of its errors."""
-        # One piece counts as much whatever its weight is.
-        if (first, stop) not in self.found:
-            self.found[first, stop] = self.weighed(first, stop)
-        return self.found[first, stop]
-
-    def weighed(self, first: int, stop: int) -> tuple[float, float]:
-        sums, sizes = self.sums[first:stop], self.sizes[first:stop]
-        weights = self.weights[first:stop] / self.weights[first:stop].max()
-        mixed = (weights[:, None] * sums).sum(axis=0).tolist()
-        rounding = (weights * sizes).sum() / self.scale
-        reflections, _ = levinson(mixed, float(rounding), ORDER_LIMIT)
-        filters = []
+    def bits(self, first: int, stop: int) -> tuple[float, float]:
+        """Those of one packet of these pieces, and the energy of its errors."""
+        mixed, noise = [0.0] * (ORDER_LIMIT + 1), 0.0
+        for k in range(first, stop):
+            for lag, value in enumerate(self.sums[k]):
+                mixed[lag] += self.weights[k] * value
+            noise += self.weights[k] * self.sizes[k]
+        mixed[0] = mixed[0] * (1 + NOISE) + noise / 12
+        reflections, _ = recursion(mixed, CUT_ORDERS[-1])
+        found = []
         for order in CUT_ORDERS:
-            c = Predictor(self.order, tuple(reflections[:order])).coefficients
+            c = Predictor(1, tuple(reflections[:order])).coefficients
             if order > len(reflections) or c is None:
                 break
-            # The energy of errors is that of the samples, weighed by the products of the filter.
-            taps = np.array([-(1 << SHIFT), *c])
-            products = np.zeros(ORDER_LIMIT + 1)
-            products[: order + 1] = np.correlate(taps, taps, "full")[order:] / (1 << 2 * SHIFT)
-            filters.append(products)
-        table = np.array(filters)
-        table[:, 1:] *= 2
-        # Lag after lag, in this order: any machine finds the same.
-        energy = (table.T[:, :, None] * sums.T[:, None, :]).sum(axis=0)
-        energy = np.maximum(energy * self.scale, 0) + sizes / 12
-        bits = (sizes * np.log2(1 + SPREAD * np.sqrt(energy / sizes))).sum(axis=1).tolist()
-        totals = energy.sum(axis=1).tolist()
-        return min(
-            (each + COEFFICIENT_COST * order, total)
-            for each, order, total in zip(bits, CUT_ORDERS, totals, strict=False)
-        )
+            a = [1.0, *(-each / (1 << SHIFT) for each in c)]
+            products = [(1 + (lag > 0)) * sum_of(map(mul, a, a[lag:])) for lag in range(order + 1)]
+            bits, total = float(COEFFICIENT_COST * order), 0.0
+            for n, own in zip(self.sizes[first:stop], self.sums[first:stop], strict=True):
+                energy = max(sum_of(map(mul, products, own)), 0.0) + n / 12
+                bits += n * log_2(1 + SPREAD * sqrt(energy / n))
+                total += energy
+            found.append((bits, total))
+        bits, energy = min(found, key=lambda each: each[0])
+        return bits + CUT_BITS, energy
+
+
+def sum_of(numbers: Iterable[float]) -> float:
+    """One after the other; sum() may round otherwise."""
+    total = 0.0
+    for number in numbers:
+        total += number
+    return total
+
+
+def in_parts(products: NDArray[np.float64]) -> float:
+    """Their sum, part by part: rounded sums have one order."""
+    padded = np.concatenate((products, np.zeros(-products.size % PART))).reshape(-1, PART)
+    return float(np.cumsum(np.cumsum(padded, axis=1)[:, -1])[-1])
+
+
+def log_2(v: float) -> float:
+    """The logarithm that every machine has."""
+    m, power = frexp(v)
+    root = 0.7071067811865476
+    t = (m - root) / (m + root)
+    q = t * t
+    rest = 1 + q * (1.0 / 3 + q * (1.0 / 5 + q * (1.0 / 7 + q / 9)))
+    return power - 0.5 + 2.8853900817779268 * (t * rest)

@@ -476,7 +476,7 @@ def packet_alone(unit: Unit, grid: LpcParameters, span: Span, indices: Indices) 
         for packet in unit.base.packets:
             if (packet.start, packet.span) == (span.start, span.ticks):
                 return packet.data
-    return encode_best(indices, thorough=False)
+    return encode_best(indices)
 
 
 def step_of(members: Sequence[Channel], promise: Promise, settings: Settings) -> int | None:

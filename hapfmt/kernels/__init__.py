@@ -265,24 +265,23 @@ class Trellis(Protocol):
     ) -> tuple[int, int]: ...
 
 
-class Estimate(Protocol):
-    """(coefficients int32, difference, repeats, counted, stride, base, limit, indices int64, counts
-    int64 [15]) -> 256 times the bits, or -1; the counts are filled. encoder/predict.py says more.
-    """
+class EncodePacket(Protocol):
+    """(indices int64, sines int32 [128], limits float64 [127], highest order, one part of so many
+    is looked at, sums as bits, whether other orders are tried, packets written) -> the packet.
+    ValueError where it cannot be coded. encoder/predict.py says more."""
 
     def __call__(
         self,
-        coefficients: Buffer,
-        difference: int,
-        repeats: bool,
-        counted: bool,
-        stride: int,
-        base: int,
-        limit: int,
         indices: Buffer,
-        counts: Buffer,
+        sines: Buffer,
+        limits: Buffer,
+        highest: int,
+        stride: int,
+        sums: int,
+        other_orders: bool,
+        written: int,
         /,
-    ) -> int: ...
+    ) -> bytes: ...
 
 
 class BuildVarints(Protocol):
@@ -290,23 +289,6 @@ class BuildVarints(Protocol):
     with."""
 
     def __call__(self, numbers: Buffer, out: Buffer, /) -> int: ...
-
-
-class QuickPredictor(Protocol):
-    """(indices int64, sines int32 [128], limits float64 [127], costs float64 [12], reflections int8
-    [12], coefficients int32 [12]) -> (difference, order); the last two are filled as far as the
-    order goes."""
-
-    def __call__(
-        self,
-        indices: Buffer,
-        sines: Buffer,
-        limits: Buffer,
-        costs: Buffer,
-        reflections: Buffer,
-        coefficients: Buffer,
-        /,
-    ) -> tuple[int, int]: ...
 
 
 class NoiseDecode(Protocol):
@@ -388,9 +370,7 @@ class Kernels(Protocol):
     @property
     def mdct_trellis(self) -> Trellis: ...
     @property
-    def estimate(self) -> Estimate: ...
-    @property
-    def quick_predictor(self) -> QuickPredictor: ...
+    def encode_packet(self) -> EncodePacket: ...
     @property
     def noise_decode(self) -> NoiseDecode: ...
 
@@ -399,6 +379,12 @@ class Kernels(Protocol):
     def clamp_counts(
         self, numbers: Buffer, step: int, zero: int, low: int, high: int, counts: Buffer, /
     ) -> None: ...
+
+    def find_cuts(
+        self, indices: Buffer, sines: Buffer, limits: Buffer, starts: Buffer, /
+    ) -> int: ...
+
+    def polynomial_bits(self, indices: Buffer, /) -> float: ...
 
     def step_up(self, reflections: Buffer, sines: Buffer, coefficients: Buffer, /) -> bool: ...
 

@@ -16,7 +16,7 @@ extern PyMethodDef hapfmt_huffman_methods[];
 extern PyMethodDef hapfmt_levels_methods[];
 extern PyMethodDef hapfmt_exact_methods[];
 extern PyMethodDef hapfmt_knots_coded_methods[];
-extern PyMethodDef hapfmt_quick_methods[];
+extern PyMethodDef hapfmt_packet_methods[];
 extern PyMethodDef hapfmt_transform_methods[];
 extern PyMethodDef hapfmt_trellis_methods[];
 extern PyMethodDef hapfmt_noise_methods[];

@@ -46,7 +46,7 @@ static void build_context(const int8_t *row, int c, class_table *t)
 static PyObject *run(PyObject *args, int decoding)
 {
     Py_buffer data, coefficients, cross, indices;
-    plan p;
+    plan p = {0};
     int status = NO_ROOM, memory = 1;
     long long base, limit;
     int64_t size = 0;
@@ -198,44 +198,6 @@ static PyObject *levinson_(PyObject *self, PyObject *args)
     return result;
 }
 
-/* (coefficients int32, difference, repeats, counted, stride, base, limit, indices int64,
-   counts int64 [15]) -> 256 times the bits, or -1 */
-static PyObject *estimate_(PyObject *self, PyObject *args)
-{
-    (void)self;
-    Py_buffer coefficients, indices, counts;
-    plan p = {0};
-    int counted, stride;
-    long long base, limit;
-    int64_t cost = -1;
-    if (!PyArg_ParseTuple(args, "y*ippiLLy*w*", &coefficients, &p.difference, &p.repeats, &counted,
-                          &stride, &base, &limit, &indices, &counts))
-        return NULL;
-    PyObject *result = NULL;
-    p.order = coefficients.len > 4 * ORDERS ? ORDERS + 1 : (int)(coefficients.len / 4);
-    p.base = base;
-    p.limit = limit;
-    p.span = indices.len / 8;
-    p.coefficients = coefficients.buf;
-    if (!whole(&coefficients, 4) || !whole(&indices, 8) || !whole(&counts, 8) || counts.len != 8 * COUNTS || stride < 1 ||
-        stride > 16 ||
-        !valid(&p))
-        cost = -2;
-    else {
-        Py_BEGIN_ALLOW_THREADS
-        cost = estimate(&p, counted, stride, indices.buf, counts.buf);
-        Py_END_ALLOW_THREADS
-    }
-    if (cost == -2)
-        PyErr_SetString(PyExc_ValueError, "not a predictor, or not arrays of its integers");
-    else
-        result = PyLong_FromLongLong(cost);
-    PyBuffer_Release(&coefficients);
-    PyBuffer_Release(&indices);
-    PyBuffer_Release(&counts);
-    return result;
-}
-
 PyMethodDef hapfmt_lpcr_methods[] = {
     {"lpcr_decode", lpcr_decode, METH_VARARGS, NULL},
     {"lpcr_encode", lpcr_encode, METH_VARARGS, NULL},
@@ -243,7 +205,6 @@ PyMethodDef hapfmt_lpcr_methods[] = {
     {"step_up", step_up_, METH_VARARGS, NULL},
     {"autocorrelate", autocorrelate_, METH_VARARGS, NULL},
     {"levinson", levinson_, METH_VARARGS, NULL},
-    {"estimate", estimate_, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 

@@ -17,7 +17,7 @@ enum { REPEAT_CONTEXTS = 4, BY_BITS = 64, REPEAT_CODES = BITS, SIGN_CODES = BITS
 static const int64_t INDEX_LIMIT = (int64_t)1 << 32, CROSS_LIMIT = (int64_t)1 << 54;
 
 typedef struct {
-    int difference, order, repeats;
+    int difference, order, repeats, ready; /* ready: the errors are there */
     int64_t base, limit, span;
     const int32_t *coefficients;
     const int64_t *cross; /* what other components say of each sample, or NULL */
@@ -341,7 +341,7 @@ INLINE int64_t errors_and_repeats(encoder *e, const plan *p, const int64_t *indi
 {
     int64_t fresh = 0;
     int recent = 0;
-    prediction_errors(p, indices, errors);
+    if (!p->ready) prediction_errors(p, indices, errors);
     if (p->cross)
         for (int64_t t = 0; t < p->span; t++) errors[t] -= p->cross[t];
     if (!p->repeats) return p->span;

@@ -7,7 +7,7 @@ static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_kernels", NULL, 0, 
 static PyMethodDef *const tables[] = {
     hapfmt_lpcr_methods, hapfmt_tube_methods, hapfmt_knots_methods, hapfmt_select_methods,
     hapfmt_huffman_methods, hapfmt_levels_methods, hapfmt_exact_methods, hapfmt_knots_coded_methods,
-    hapfmt_quick_methods, hapfmt_transform_methods, hapfmt_trellis_methods, hapfmt_noise_methods,
+    hapfmt_packet_methods, hapfmt_transform_methods, hapfmt_trellis_methods, hapfmt_noise_methods,
     hapfmt_sections_methods,
 };
 

@@ -6,14 +6,14 @@
 
 #include "lpcr.h"
 
-enum { SCALED_BITS = 18, SUM_BLOCK = 4096, COST_BLOCK = 32, LAGS = ORDERS + 1 };
-enum { LANES = 12, QUICK_LAGS = 14, ROOM = 36 };
+enum { SCALED_BITS = 18, SUM_BLOCK = 4096, LAGS = ORDERS + 1 };
+enum { LANES = 12, ROOM = 36 };
 
-/* sums[k] of now[i] * then[i + k]; lanes: LANES or QUICK_LAGS, an even constant once it is inlined. */
+/* sums[k] of now[i] * then[i + k]; lanes: an even constant once it is inlined. */
 INLINE void products(const double *now, const double *then, int64_t n, int lanes, double *sums)
 {
 #ifdef VECTORS
-    __m128d a[QUICK_LAGS / 2];
+    __m128d a[LANES / 2];
     for (int k = 0; k < lanes / 2; k++) a[k] = _mm_setzero_pd();
     for (int64_t i = 0; i < n; i++) {
         __m128d x = _mm_set1_pd(now[i]);
@@ -92,67 +92,6 @@ INLINE int64_t log_of(uint64_t v)
 {
     int lg = bit_length(v) - 1;
     return 256 * lg + (int64_t)((lg >= 8 ? v >> (lg - 8) : v << (8 - lg)) & 255);
-}
-
-enum { COUNTS = 15, SAMPLE = 256 };
-
-/* 256 times the bits of the prediction errors without their signs; -1 if one cannot be coded, -2 if an
-   index is beyond the limit. The last of ``counts`` is the number of errors that are not 0.
-   ``counted``: the first are the numbers of positive and negative errors after a negative one, none, a
-   positive one. Repeats require ``counted``. They leave unchanged samples out. The counts in between
-   are then the numbers of 0 and 1 among the repeat bits, for each of their models. Without
-   ``counted``, only one piece of every ``stride`` is measured. */
-static int64_t estimate(const plan *p, int counted, int stride, const int64_t *indices,
-                        int64_t *counts)
-{
-    filter f;
-    int64_t y[ORDERS + PIECE] = {0}, e[PIECE], cost = 0;
-    int last = 0, recent = 0, piece = stride > 1 ? SAMPLE : PIECE;
-    memset(counts, 0, COUNTS * sizeof *counts);
-    filter_init(&f, p);
-    for (int64_t from = 0; from < p->span; from += stride * piece) {
-        int64_t count = p->span - from < piece ? p->span - from : piece;
-        int64_t first = from < ORDERS + DIFFERENCES ? 0 : from - ORDERS - DIFFERENCES;
-        if (!within(indices + first, from + count - first, p->limit)) return -2;
-        differences(indices, from, count, p->difference, p->base, y + ORDERS);
-        if (stride > 1 && from) differences(indices, from - ORDERS, ORDERS, p->difference, p->base, y);
-        errors_of(&f, y, count, e);
-        memmove(y, y + count, ORDERS * sizeof *y);
-        for (int64_t at = 0; at < count; at += COST_BLOCK) {
-            int64_t end = count - at < COST_BLOCK ? count : at + COST_BLOCK, some = 0;
-            uint64_t sum = 0, most = 0;
-            if (!counted) {
-                uint64_t zeros = 0;
-                for (int64_t i = at; i < end; i++) {
-                    uint64_t u = (uint64_t)(e[i] < 0 ? -e[i] : e[i]);
-                    most |= u;
-                    sum += u;
-                    zeros += u == 0;
-                }
-                some = end - at;
-                counts[COUNTS - 1] += some - (int64_t)zeros;
-            } else for (int64_t i = at; i < end; i++) {
-                if (p->repeats && from + i) {
-                    int same = indices[from + i] == indices[from + i - 1];
-                    counts[6 + 2 * recent + same]++;
-                    recent = 2 * same + (recent >> 1);
-                    if (same) continue;
-                }
-                uint64_t u = (uint64_t)(e[i] < 0 ? -e[i] : e[i]);
-                int sign = (e[i] > 0) - (e[i] < 0);
-                most |= u;
-                sum += u;
-                some++;
-                counts[2 * last + 2 + (sign < 0)] += sign != 0;
-                counts[COUNTS - 1] += sign != 0;
-                last = sign;
-            }
-            if (most >> ERROR_BITS) return -1;
-            if (some)
-                cost += some * (log_of(32 * (uint64_t)some + 87 * sum) - log_of(32 * (uint64_t)some));
-        }
-    }
-    return cost;
 }
 
 /* c[1..m] of SPEC 9.5; 0 where LPC-005 is broken. Twice a product stays below 2^53. */

@@ -34,8 +34,8 @@ def narrow(x: Integers, *widths: int) -> NDArray:
     return x.astype(f"i{next((w for w in widths if 8 * w >= reach), 8)}")
 
 
-def flac_encode(x: Integers, rate: float) -> bytes | None:
-    """flac -8, mono; 16 bits where they hold it, else 24."""
+def flac_encode(x: Integers, rate: float, level: int = 8) -> bytes | None:
+    """One channel; 16 bits where they hold it, else 24."""
     bits = max(-int(x.min()) - 1, int(x.max())).bit_length() + 1
     if bits > FLAC_BITS:
         return None
@@ -44,7 +44,7 @@ def flac_encode(x: Integers, rate: float) -> bytes | None:
         ("PCM_16", x.astype(np.int16)) if bits <= 16 else ("PCM_24", x.astype(np.int32) << 8)
     )
     module("soundfile").write(
-        stream, data, max(int(rate), 1), subtype, format="FLAC", compression_level=1.0
+        stream, data, max(int(rate), 1), subtype, format="FLAC", compression_level=level / 8
     )
     return stream.getvalue()
 

@@ -105,23 +105,29 @@ def sz3(family: str, compander: Compander, algorithm: str) -> Recipe:
     """Companding, and SZ3 with an absolute bound."""
 
     def encode(x: Doubles, _rate: float) -> bytes:
-        p = module("pysz")
-        config = p.szConfig()
-        config.errorBoundMode = p.szErrorBoundMode.ABS
-        config.absErrorBound = float(compander.error)
-        config.cmprAlgo = getattr(p.szAlgorithm, algorithm)
-        blob: NDArray[np.uint8] = p.sz.compress(np.ascontiguousarray(compander.compand(x)), config)[
-            0
-        ]
-        return blob.tobytes()
+        return sz3_encode(compander.compand(x), float(compander.error), algorithm)
 
     def decode(blob: bytes, size: int) -> Doubles:
-        p = module("pysz")
-        return compander.value(
-            p.sz.decompress(np.frombuffer(blob, np.uint8).copy(), np.float64, (size,))[0]
-        )
+        return compander.value(sz3_decode(blob, size))
 
     return Recipe(f"{family} + sz3 {algorithm}", family, encode, decode)
+
+
+def sz3_encode(x: Doubles, error: float, algorithm: str = "LORENZO_REG") -> bytes:
+    """SZ3 with an absolute bound."""
+    p = module("pysz")
+    config = p.szConfig()
+    config.errorBoundMode = p.szErrorBoundMode.ABS
+    config.absErrorBound = error
+    config.cmprAlgo = getattr(p.szAlgorithm, algorithm)
+    blob: NDArray[np.uint8] = p.sz.compress(np.ascontiguousarray(x), config)[0]
+    return blob.tobytes()
+
+
+def sz3_decode(blob: bytes, size: int) -> Doubles:
+    return module("pysz").sz.decompress(np.frombuffer(blob, np.uint8).copy(), np.float64, (size,))[
+        0
+    ]
 
 
 def sz2(x: Doubles, k: float) -> bytes:

@@ -347,6 +347,7 @@ def multiples(views: Sequence[ChannelView], events: Sequence[Event], words: Word
               f"time in {unit.name}" if last else "", "", size=9)  # fmt: skip
         axes.tick_params(labelsize=7.5, labelbottom=last)
         axes.locator_params(axis="y", nbins=4)
+        axes.locator_params(axis="x", nbins=6)
     return sheet.finish(shared)
 
 

@@ -182,7 +182,8 @@ def unformatted(text: str) -> str:
 
 
 def style(axes: Axes, name: str, x_label: str, y_label: str, *, size: float = 10) -> None:
-    axes.set_title(name, loc="left", fontsize=size, color=INK, fontweight="bold", pad=4)
+    # A given height spares matplotlib the search for one, a third of the time of drawing.
+    axes.set_title(name, loc="left", y=1, fontsize=size, color=INK, fontweight="bold", pad=4)
     axes.set_xlabel(x_label, fontsize=9, color=INK)
     axes.set_ylabel(y_label, fontsize=9, color=INK)
     axes.tick_params(labelsize=8.5, colors=INK, length=3)
