@@ -77,9 +77,7 @@ EFFORTS: dict[EffortName, Effort] = {
         undifferenced=False,
     ),
     "default": Effort(),
-    "best": Effort(lines=True),
-=======
-    "best": Effort(every_sample=True, other_orders=True, written=6),
+    "best": Effort(every_sample=True, other_orders=True, written=6, lines=True),
 }
 
 SEARCHES = tuple(field.name for field in fields(Effort))
