@@ -25,12 +25,12 @@ from .effort import Effort
 from .felt import Doubles, FeltChannel, counts_nearest, slow_of
 from .plan import Promise
 from .predict import quick_estimate
-from .quality import ThresholdMeasure
-from .settings import CLOSE, NO_TEXTURE
+from .quality import NoiseMeasure, ThresholdMeasure
+from .settings import NO_TEXTURE
 from .source import InputBlock
 from .synthetic import with_synthetic
 from .unit import Unit, bound_of, decode_all, in_coarser_counts, whole_range
-from .ways import CodedTrial, Way, ways_of
+from .ways import CodedTrial, Way, other_ways, predicted_ways
 
 NARROWER, JUMPS, TRIES = 0.8, 2.0, 16
 """Where the slow part leaves its deadband, the step becomes NARROWER, or where that is far off as
@@ -38,12 +38,6 @@ narrow as leaves it JUMPS times. The interval to a step that leaves it is halved
 
 NEAR = 0.99
 """The search for a step ends where the error is at least this share of the largest allowed one."""
-
-NEAR_ENOUGH = 0.975
-"""The same where each try codes the channel: 0.1 dB."""
-
-SHARE_OF_DB = 0.75 * CLOSE
-"""... or this share of a target in dB, where that is less."""
 
 QUIETER = (Fraction(1), Fraction(1, 4), Fraction(1, 16), Fraction(1, 64))
 """Shares of the deadband that lines below a synthetic texture keep: the first one whose lines are
@@ -61,6 +55,10 @@ ALIKE = 1.15
 
 PAYS, PAYS_MORE = 0.25, 0.15
 """Bits a sample, and share of those of the grid, that a transform may save at one mean error."""
+
+NARROWER_ESTIMATE = 0.98
+
+LEAST_POWER, MOST_POWER = 0.3, 6.0
 
 SEARCHED, FACTOR = 24, 4.0
 """Most steps that a search tries, and the largest factor from one to the next."""
@@ -88,7 +86,9 @@ def encode_textured(
     best: Unit | None = None
     if felt.fine and target.threshold_is_enough:
         promise = replace(promise, k=Fraction(0))
-        felt = replace(felt, measure=ThresholdMeasure.of(felt.measure, felt.floor))
+        measure = felt.measure
+        assert isinstance(measure, NoiseMeasure)  # an ST-SIM is kept whatever the threshold is
+        felt = replace(felt, measure=ThresholdMeasure(measure, measure.x, felt.floor))
     of_threshold = felt.threshold_decides
     if of_threshold or felt.deadband_may_do:
         alone = encode_bounded(source, base, promise)
@@ -98,21 +98,16 @@ def encode_textured(
             best = reported(alone, felt, samples, THRESHOLD if of_threshold else DEADBAND)
         if of_threshold and not pays(felt, alone.size) and not target.codec:
             return best
-    predicted: list[CodedTrial] = []
-    for way in ways_of(felt, original, first_channel, promise, searches):
-        if way.bits is not None:
-            best = smallest_of(predicted, felt, best)
-            predicted = []
-            if best and not target.codec and way.bits > HOPE * 8 * best.cost:
-                continue
-        trial = widest(way, felt)
-        if trial is None:
-            continue
-        if trial.indices is not None:
-            predicted.append(trial)
-        else:
+    ways = predicted_ways(felt, original, first_channel, promise)
+    trials = [trial for way in ways if (trial := widest(way, felt))]
+    best = smallest_of(trials, felt, best)
+    if trials and not trials[0].limited:
+        felt = replace(felt, measure=felt.measure.known(trials[0].samples))
+    for way in other_ways(felt, original, first_channel, promise, searches):
+        hopeless = best and way.bits is not None and way.bits > HOPE * 8 * best.cost
+        if not (hopeless and target.codec is None) and (trial := widest(way, felt)):
             best = coded(trial, felt, best)
-    return smallest_of(predicted, felt, best)
+    return best
 
 
 def pays(felt: FeltChannel, size: int) -> bool:
@@ -227,10 +222,11 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
     """
     allowed = felt.measure.allowed
     step, most = way.first, float(np.ptp(felt.x))
-    near = max(NEAR_ENOUGH, allowed**SHARE_OF_DB) if way.costly else NEAR
-    low = high = best = None
-    bias = 1.0
-    for _ in range(SEARCHED):
+    costly = way.costly or felt.measure.costly
+    near = felt.measure.near if costly else NEAR
+    low = high = best = before = None
+    bias, power = 1.0, 2.0
+    for _ in range(SEARCHED // 2 if costly else SEARCHED):
         trial = way.at(step)
         if trial is None:
             break
@@ -250,15 +246,23 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
             high = (step, error)
         if low and high and high[0] <= low[0] * 1.0005:
             break
-        step = min(next_step(low, high, allowed * (1 + near) / 2), max(most, step))
+        if way.costly and low and high and not is_plausible(power_of(low, high)):
+            # Other classes of the entropy coder have another error.
+            low, high = (low, None) if error <= allowed else (None, high)
+        grown = power_of(before, (step, error)) if before else power
+        power = grown if is_plausible(grown) else power
+        before = step, error
+        step = min(next_step(low, high, allowed * (1 + near) / 2, power), max(most, step))
+    while best and felt.measure.error(best.samples) > allowed:
+        # An estimate that was too low.
+        best = way.at(NARROWER_ESTIMATE * best.step)
     if best is None:
         return None
     excess = felt.slow_excess(best.samples)
     if excess <= 1:
         return best
-    assert low
-    steadier = way.steadier(low[0], excess) if way.steadier else None
-    return widest(steadier, felt) if steadier else narrower(way, felt, low[0], excess)
+    steadier = way.steadier(best.step, excess) if way.steadier else None
+    return widest(steadier, felt) if steadier else narrower(way, felt, best.step, excess)
 
 
 def narrower(way: Way, felt: FeltChannel, wide: float, excess: float) -> CodedTrial | None:
@@ -277,13 +281,28 @@ def narrower(way: Way, felt: FeltChannel, wide: float, excess: float) -> CodedTr
             wide = trial.step
         else:
             halved, low, found = bool(low), trial.step, replace(trial, limited=True)
-            if halved or excess >= NEAR_ENOUGH:
+            if halved or excess >= NEAR:
                 break
     return found
 
 
+def power_of(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """The power of the step by which the error grows; 0 where it does not."""
+    if min(one[1], other[1]) <= 0 or one[0] == other[0]:
+        return 0.0
+    return log(one[1] / other[1]) / log(one[0] / other[0])
+
+
+def is_plausible(power: float) -> bool:
+    """Whether the error of one quantiser may grow so."""
+    return LEAST_POWER < power < MOST_POWER
+
+
 def next_step(
-    low: tuple[float, float] | None, high: tuple[float, float] | None, wanted: float
+    low: tuple[float, float] | None,
+    high: tuple[float, float] | None,
+    wanted: float,
+    power: float = 2.0,
 ) -> float:
     """The step that about has the error that is wanted. low, high: a step that is too narrow or
     right, one that is too wide, and their errors."""
@@ -294,5 +313,5 @@ def next_step(
             share = min(max(log(wanted / error_a) / log(error_b / error_a), 0.1), 0.9)
         return a * exp(share * log(b / a))
     step, error = low or high or (1.0, wanted)
-    factor = sqrt(wanted / error) if error else FACTOR
+    factor = (wanted / error) ** (1 / power) if error else 2.0
     return step * (min(max(factor, 1.003), FACTOR) if low else max(min(factor, 0.997), 1 / FACTOR))

@@ -76,6 +76,9 @@ deadband."""
 
 FREE_TRIALS = 2
 
+BELOW = 0.96
+"""Share of the noise that the first step aims at: all blocks have some more than those seen."""
+
 STEADIER, FURTHER = 0.7, 1.4
 """Smaller weights also move the errors of other coefficients."""
 
@@ -129,19 +132,42 @@ def ways_of(
     felt: FeltChannel, original: Channel, first_channel: int, promise: Promise, searches: Effort
 ) -> Iterator[Way]:
     """The ways to code a texture, or those of the only codec that was asked for."""
+    yield from predicted_ways(felt, original, first_channel, promise)
+    yield from other_ways(felt, original, first_channel, promise, searches)
+
+
+def is_native(felt: FeltChannel) -> bool:
+    """Whether a step may suit that is few counts of the source."""
+    calibration = felt.source.channels[0].calibration
+    assert calibration is not None
+    return felt.first_step < NATIVE * float(abs(calibration.step))
+
+
+def is_predicted(felt: FeltChannel, promise: Promise) -> bool:
     assert promise.texture is not None
-    codec = promise.texture.codec
-    asked = codec == "MDCT" or promise.texture.weighting > 0
-    predicted = codec != "MDCT" and not felt.threshold_decides
-    transformed = asked or (codec is None and searches.transform)
-    step, source = felt.first_step, felt.source.channels[0]
-    finer = coarser_for(original, source, step) or finer_for(source, step)
-    assert source.calibration is not None
-    native = step < NATIVE * float(abs(source.calibration.step))
-    if predicted:
+    return promise.texture.codec != "MDCT" and not felt.threshold_decides
+
+
+def predicted_ways(
+    felt: FeltChannel, original: Channel, first_channel: int, promise: Promise
+) -> Iterator[Way]:
+    """The whole signal predicted, on each grid that may suit."""
+    if is_predicted(felt, promise):
         yield way_of_whole(felt, original, first_channel)
-    if predicted and native:
-        yield way_of_counts(felt, source, first_channel)
+        if is_native(felt):
+            yield way_of_counts(felt, felt.source.channels[0], first_channel)
+
+
+def other_ways(
+    felt: FeltChannel, original: Channel, first_channel: int, promise: Promise, searches: Effort
+) -> Iterator[Way]:
+    """By MDCT, and after lines for the slow part."""
+    texture, source = promise.texture, felt.source.channels[0]
+    assert texture is not None
+    asked = texture.codec == "MDCT" or texture.weighting > 0
+    predicted = is_predicted(felt, promise)
+    transformed = asked or (texture.codec is None and searches.transform)
+    finer = coarser_for(original, source, felt.first_step) or finer_for(source, felt.first_step)
     if transformed:
         yield way_of_transform(felt, finer, first_channel)
     if not (searches.lines or felt.textured is not None):
@@ -154,7 +180,7 @@ def ways_of(
         after = way_of_lines_and_transform(felt, split)
     if after:
         yield after
-    if searches.lines and native and predicted:
+    if searches.lines and is_native(felt) and predicted:
         split = split_of(felt, source, first_channel, promise)
         if split:
             yield way_of_lines(felt, split)
@@ -433,7 +459,7 @@ class Lapped:
             known = expected.noise(step)
             found = some.errors * step**2 / some.rows.size
             if found:
-                factor = (known / found) ** (1 / self.spread.power(step))
+                factor = (BELOW * known / found) ** (1 / self.spread.power(step))
             self.bits = some.bits * self.spread.bits(step) / max(expected.bits(step), 1)
         self.first = step * factor * sqrt(2 * self.size) * count
         """The step of a uniform grid with about the same error, in the unit."""
@@ -465,7 +491,8 @@ class Lapped:
             noise = None
             if not parameters.weights:
                 exact = sum(each.errors for each in found) * (parameters.step / UNIT) ** 2
-                ticks = sum(block.span.ticks for block in self.blocks)
+                # The last block of a packet has the same error where there is no sample any more.
+                ticks = sum(block.coefficients.size for block in self.blocks)
                 noise = (exact * self.size / 2 / ticks + 1 / 12) * self.count**2
             return CodedTrial(
                 step,
