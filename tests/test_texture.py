@@ -454,7 +454,7 @@ class TestFill:
             return int(0.95 * size if jump and db > 25 else size)
 
         budget = rest + share * samples / 8
-        best = fill(lambda db: db, size_of, budget, samples)
+        best = fill(lambda db: db, size_of, budget)
         if size_of(0) > budget:
             assert best == 0
         else:
@@ -468,7 +468,7 @@ class TestFill:
             tried.append(db)
             return int(1000 + 500 * db)
 
-        assert fill(lambda db: db, size_of, 9000, 4000) == pytest.approx(15.8, abs=0.3)
+        assert fill(lambda db: db, size_of, 9000) == pytest.approx(15.8, abs=0.3)
         assert len(tried) <= 6
 
 

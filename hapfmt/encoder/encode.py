@@ -248,7 +248,6 @@ def encode(
             lambda db: encoding.finish(encoding.at_quality(db)),
             size_of,
             settings.bitrate * 1000 / 8 * float(recording.duration),
-            sum(part.members[0].channel.stored.size for part in encoding.textures),
         )
     )
 
