@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from math import ceil, log, sqrt
 
 import numpy as np
@@ -204,6 +205,11 @@ class PacketLengths:
                 break
         return found
 
+    @cached_property
+    def multiples(self) -> list[int]:
+        """Clusters that a packet may be long."""
+        return [n for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
+
     @property
     def cluster_samples(self) -> int | None:
         """Most samples of a chunk of a large file: all are lost where its header is damaged."""
@@ -243,12 +249,13 @@ class PacketLengths:
         if ticks * d * cd <= n * cn:
             pieces = round(min(parts, most))
             return Fraction(ticks * d, n * pieces) if pieces > 1 else self.cluster
-        ways = [Fraction(n) for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
-        ways += [Fraction(1, n) for n in range(2, ceil(parts / clusters) + 2)]
+        ways = [(times, 1) for times in self.multiples]
+        ways += [(1, pieces) for pieces in range(2, ceil(parts / clusters) + 2)]
         # Where two ways are as near, the longer packets win.
         found = [
             (abs(log(max(count, 1.0) / parts)), count, way)
             for way in ways
-            if least <= (count := clusters / float(way)) <= most
+            if least <= (count := clusters / (way[0] / way[1])) <= most
         ]
-        return self.cluster * (min(found)[2] if found else 1)
+        times, pieces = min(found)[2] if found else (1, 1)
+        return Fraction(cn * times, cd * pieces)
