@@ -184,6 +184,11 @@ def doubles_2d(
         raise ParameterError(
             f"{what} has {len(x)} channels, more than {CHANNEL_LIMIT}; it is [channels, samples]"
         )
+    return rows_in(x, what, store)
+
+
+def rows_in(x: NDArray[Any], what: str, store: Memory) -> Sequence[NDArray[np.float64]]:
+    """The rows of [channels, samples] as doubles of the same values, each in one piece."""
     if x.flags.c_contiguous and x.dtype == np.float64:
         return list(x)
     rows = [store.empty(x.shape[1], np.float64) for _ in x]

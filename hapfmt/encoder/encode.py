@@ -162,8 +162,6 @@ class PlacedUnit:
     unit: Unit
     first: int
     members: list[Gridded]
-    apart: tuple[PlacedUnit, ...] = ()
-    """The channels of a track with references, each alone."""
     tracks: tuple[PlacedUnit, ...] = ()
     """Where these are several tracks, whose channels lie among each other: what each became."""
     numbers: tuple[int, ...] = ()
@@ -250,7 +248,6 @@ def encode(
             lambda db: encoding.finish(encoding.at_quality(db)),
             size_of,
             settings.bitrate * 1000 / 8 * float(recording.duration),
-            sum(part.members[0].channel.stored.size for part in encoding.textures),
         )
     )
 
@@ -485,27 +482,22 @@ def as_recorded(channel: Channel) -> Channel:
 def encode_members(
     members: list[Gridded], links: Links, first: int, job: EncodeJob
 ) -> Iterator[PlacedUnit]:
-    """Units and their channels: together, or apart where links do not make them smaller."""
+    """Units and their channels: together where they are linked."""
     if not links:
         yield PlacedUnit(encode_unit(members, first, job), first, members)
         return
-    apart = [
-        PlacedUnit(encode_unit([each], first + place, job), first + place, [each])
-        for place, each in enumerate(members)
-    ]
-    units = [part.unit for part in apart]
     channels = [each.channel for each in members]
     error = error_of(channels[0], members[0].promise)
     # Half of the components: packets of LPCR take less than five bytes a sample.
     half = (len(channels) + 1) // 2
     spans = job.spans(channels, range(first, first + len(channels)), half)
-    joint = encode_run(channels, first, error, spans, links, units)
-    if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in units):
+    joint = encode_run(channels, first, error, spans, links, job.settings.searches)
+    if joint:
         joint.channels = tuple(channels)
-        joint.least = sum(unit.least for unit in units)
-        yield PlacedUnit(joint, first, members, tuple(apart))
-    else:
-        yield from apart
+        yield PlacedUnit(joint, first, members)
+        return
+    for place, each in enumerate(members):
+        yield PlacedUnit(encode_unit([each], first + place, job), first + place, [each])
 
 
 def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUnit]:
@@ -574,7 +566,9 @@ def related(
     units = [part.unit for part in parts]
     spans = job.spans(channels, numbers, (len(channels) + 1) // 2)
     own = [each.among(places) for each in found if each.target in places]
-    joint = encode_linear(channels, [columns[a] for a in places], units, own, numbers, spans)
+    joint = encode_linear(
+        channels, [columns[a] for a in places], units, own, numbers, spans, job.settings.searches
+    )
     if joint is None or joint.size >= (1 - SAVED) * sum(unit.size for unit in units):
         return parts
     return [PlacedUnit(joint, numbers[0], members, numbers=numbers)]
@@ -582,16 +576,16 @@ def related(
 
 def has_doubles(part: PlacedUnit, job: EncodeJob) -> bool:
     """Whether these are the doubles of one channel, such as a track of several may hold."""
-    channel = job.originals[part.first]
-    release()
+    if job.originals[part.first].stored.dtype != np.float64:
+        return False
+    facts = job.searches[part.first].facts
     return (
-        channel.stored.dtype == np.float64
-        and bool(np.isfinite(channel.stored).all())
+        facts.finite
         # Words of which one is larger than those of a binary grid may not; others do not come
         # near the largest double, where sums overflow.
         and (
             part.unit.base.track.number_format == "counts"
-            or float(np.abs(channel.stored).max(initial=0.0)) <= EXACT_LIMIT
+            or max(-facts.low, facts.high) <= EXACT_LIMIT
         )
     )
 
@@ -652,14 +646,11 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
         at = max(stop, at + 1)
     asked = [each.promise for part in parts for each in part.members]
     rivals = [in_place(part, asked) for part in rivals]
-    # A track with references may not displace channels that are smaller alone.
-    alone = [in_place(each, asked) for part in rivals for each in part.apart or (part,)]
-    apart = list(smaller(parts, alone))
-    mixed = list(smaller(apart, rivals))
+    mixed = list(smaller(parts, rivals))
     if not small or not all(doubtful):
         return [mixed]
     choices: dict[tuple[int, ...], list[PlacedUnit]] = {}
-    for each in (rivals, alone, mixed, apart):
+    for each in (rivals, mixed):
         choices.setdefault(tuple(id(part.unit.base) for part in each), each)
     near = min(map(total_cost, choices.values())) + METADATA + UNSURE * len(job.originals)
     return [each for each in choices.values() if total_cost(each) <= near]
@@ -782,7 +773,10 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         words = partial(encode_words, channel, spans, first_channel, kind, WORDS_REASON)
         if kind != "binary64":
             return words()
-        return encode_doubles(channel, spans, first_channel, words, job.searches[first_channel])
+        return encode_doubles(
+            channel, spans, first_channel, words, job.searches[first_channel],
+            effort=job.settings.searches,
+        )  # fmt: skip
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
@@ -817,7 +811,7 @@ def encode_source(
             exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")
             return encode_doubles(
                 original, spans, first_channel, as_counts, job.searches[first_channel],
-                exact=exact, grid=False,
+                exact=exact, grid=False, effort=settings.searches,
             )  # fmt: skip
         return as_counts()
     if promise.paper:

@@ -47,6 +47,7 @@ from ..format.track import Affine
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..numbers import build_varint, parse_varint
 from ..recording import Calibration, Channel, Span
+from .effort import EFFORTS, Effort
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, nearest_within
 from .lengths import bits_of, pieces_of
@@ -72,8 +73,9 @@ SMALLER, SMALLER_SHORT, LONGER, SHORT_OF = 0.98, 0.94, 1.03, 1.045
 take LONGER words (1.00 to 1.07 measured where they do not repeat). The estimate of a binary grid is
 multiplied by SHORT_OF (1.01 to 1.08 measured)."""
 
-RECALLED, SELDOM = 1024, 20
-"""Samples that tell whether counts repeat, half of them neighbours: in one of 20 at least."""
+RECALLED, SELDOM, RARE = 1024, 20, 2000
+"""Samples that tell whether counts repeat, half of them neighbours: in one of 20 at least. Fewer
+corrections than one in 2000 samples take less than a hundredth of a bit."""
 
 SURE, ROUNDED = 0.02, 0.4
 """Bits of a correction of one distinct value: a rule that leaves fewer is that of the logger. One
@@ -117,6 +119,7 @@ def encode_doubles(
     *,
     exact: Lattice | None = None,
     grid: bool = True,
+    effort: Effort | None = None,
 ) -> Unit:
     """The smallest way to keep a floating point channel bit for bit: counts and exact values, or
     ``otherwise``.
@@ -125,10 +128,11 @@ def encode_doubles(
     where estimates tell that a binary grid is smaller. ``exact``: the grid that holds the values
     exactly, if one exists. ``grid``: whether to try a binary grid; ``otherwise`` are words then.
     """
-    x = search.values
+    x, effort = search.values, effort or EFFORTS["default"]
     if not x.size or not search.facts.finite:
         return otherwise()
-    natural = coded_as(channel, x, spans, first_channel, natural_candidate(search, exact))
+    candidate = natural_candidate(search, exact, polynomials=effort.polynomials)
+    natural = coded_as(channel, x, spans, first_channel, candidate, effort)
     search.forget()
     if natural and 8 * natural.size < CHEAP * x.size:
         return natural.unit
@@ -137,13 +141,14 @@ def encode_doubles(
         return min([*units, otherwise()], key=lambda unit: unit.size)
     # Estimates know nothing of values that repeat.
     part = x[middle_of(spans)]
-    words, surely = 0.0 if repeats(part) else bytes_of_words(x), SMALLER
+    unknown = effort.every_form or repeats(part)
+    words, surely = 0.0 if unknown else bytes_of_words(x), SMALLER
     if part.size < APART:
         words, surely = words * LONGER, SMALLER_SHORT
     if not (units and 8 * units[0].size < FINE * x.size):
         candidate = binary_grid(x)
         if candidate and (not words or words > surely * bytes_of(candidate, x)):
-            found = coded_as(channel, x, spans, first_channel, candidate)
+            found = coded_as(channel, x, spans, first_channel, candidate, effort)
             units += [found.unit] if found else []
     if not units or words < min(unit.size for unit in units):
         units.append(otherwise())
@@ -186,6 +191,7 @@ def coded_as(
     spans: Sequence[Span],
     first_channel: int,
     candidate: Candidate | None,
+    effort: Effort,
 ) -> Beside | None:
     if candidate is None:
         return None
@@ -212,7 +218,7 @@ def coded_as(
         def code(part: slice, values: Doubles = values, counts: Counts = counts) -> bytes:
             x, given = values[part], counts[part]
             lacking = lacking_of(x, candidate.parameters, candidate.affine, given)
-            return beside_counts(encode_best(given), lacking)
+            return beside_counts(encode_best(given, effort), lacking)
 
         try:
             for part, data in fitting_packets(span, counts, code):
@@ -226,7 +232,9 @@ def coded_as(
     return Beside(Unit(coded, None, "predicted + exact", reason, exact=True), beside)
 
 
-def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate | None:
+def natural_candidate(
+    search: LatticeSearch, exact: Lattice | None, *, polynomials: bool = True
+) -> Candidate | None:
     """The natural grid and the rule with the shortest corrections, by distinct values."""
     if search.has_negative_zero:
         exact = None if isinstance(search.exact, str) else search.exact
@@ -254,7 +262,7 @@ def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate
     if not found:
         return None
     near, best = found.near, found.way
-    if found.bits >= ROUNDED * near.counts.size:
+    if polynomials and found.bits >= ROUNDED * near.counts.size:
         for way in (*cubic_ways(near), *decimal_way(near, u, search.values)):
             found = better(found, way, near)
             best = found.way if found else best
@@ -412,8 +420,11 @@ def beside_counts(coded: bytes, lacking: Lacking) -> bytes:
 
 
 def smallest_exact(lacking: Lacking) -> bytes:
-    """With recall or without; with it only where counts repeat in some of the samples."""
+    """With recall or without; with it only where counts repeat in some of the samples, and where
+    corrections are not rare."""
     half, counts = RECALLED // 2, lacking.counts
+    if RARE * np.count_nonzero(lacking.corrections) < counts.size:
+        return lacking.build(recall=False)
     counts = np.concatenate((counts[:half], counts[half :: 1 + counts.size // half]))
     seldom = SELDOM * (counts.size - np.unique(counts).size) < counts.size
     ways = (False,) if seldom else (False, True)
@@ -703,6 +714,7 @@ def encode_linear(
     relations: Sequence[Relation],
     numbers: Sequence[int],
     spans: Sequence[Span],
+    effort: Effort,
 ) -> Unit | None:
     """One track of channels, in the order of their numbers; None where they have no common range
     of counts."""
@@ -746,7 +758,7 @@ def encode_linear(
         at += span.ticks
         try:
             exact = [x[part] for x in columns]
-            data, each_size = linear_packet(candidates, exact, counts[part])
+            data, each_size = linear_packet(candidates, exact, counts[part], effort)
         except ValueError:
             return None
         coded.packets.append(Packet(0, span.start, span.ticks, data))
@@ -779,11 +791,11 @@ def candidate_of(unit: Unit, x: Doubles) -> Candidate | None:
 
 
 def linear_packet(
-    candidates: Sequence[Candidate], columns: Sequence[Doubles], counts: Counts
+    candidates: Sequence[Candidate], columns: Sequence[Doubles], counts: Counts, effort: Effort
 ) -> tuple[bytes, list[int]]:
     """One packet, and how many of its bytes each component takes."""
     indices = [np.ascontiguousarray(counts[:, place]) for place in range(len(candidates))]
-    packets = [encode_best(row) for row in indices]
+    packets = [encode_best(row, effort) for row in indices]
     parts = [
         smallest_exact(lacking_of(x, each.parameters, each.affine, row, columns))
         for x, each, row in zip(columns, candidates, indices, strict=True)

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
-from math import ceil, log, sqrt
+from math import ceil, floor, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,11 +205,6 @@ class PacketLengths:
                 break
         return found
 
-    @cached_property
-    def multiples(self) -> list[int]:
-        """Clusters that a packet may be long."""
-        return [n for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
-
     @property
     def cluster_samples(self) -> int | None:
         """Most samples of a chunk of a large file: all are lost where its header is damaged."""
@@ -231,6 +226,11 @@ class PacketLengths:
             root += sign * sum(load.root for load in tracks)
         return replace(self, whole=replace(self.whole, size=size), root=root)
 
+    @cached_property
+    def together(self) -> list[Fraction]:
+        """How many clusters a packet may be as long as."""
+        return [Fraction(n) for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
+
     def seconds(self, channels: Sequence[Channel], loads: Sequence[Load]) -> Fraction:
         """How long the packets of a track with these channels are."""
         load, rate = Load.of(loads), channels[0].rate_exact
@@ -249,13 +249,13 @@ class PacketLengths:
         if ticks * d * cd <= n * cn:
             pieces = round(min(parts, most))
             return Fraction(ticks * d, n * pieces) if pieces > 1 else self.cluster
-        ways = [(times, 1) for times in self.multiples]
-        ways += [(1, pieces) for pieces in range(2, ceil(parts / clusters) + 2)]
+        ways = [*self.together]
+        most_near = min(max(parts, least), most) / clusters
+        ways += [Fraction(1, n) for n in {floor(most_near), ceil(most_near)} if n > 1]
         # Where two ways are as near, the longer packets win.
         found = [
             (abs(log(max(count, 1.0) / parts)), count, way)
             for way in ways
-            if least <= (count := clusters / (way[0] / way[1])) <= most
+            if least <= (count := clusters / float(way)) <= most
         ]
-        times, pieces = min(found)[2] if found else (1, 1)
-        return Fraction(cn * times, cd * pieces)
+        return self.cluster * (min(found)[2] if found else 1)

@@ -30,7 +30,7 @@ from ..format.layout import COVERED_SPAN
 from ..format.track import SYNTHETIC, Component, Track, unsupported_track
 from ..limits import Level
 from ..recording import Calibration, Channel, Deviation, Event, Span, append_span, in_order
-from ..spool import MEMORY, Memory, release
+from ..spool import MEMORY, GrowingArray, Memory
 from .catalogue import ChannelRef, TrackPair
 
 Exact = tuple[ExactParameters, ...]
@@ -263,56 +263,6 @@ class PieceDecoder:
         return DecodedPiece(
             decoder.track, packet.start + a, numbers[a:b], doubles, (), packet.offset
         )
-
-
-PART = 1 << 20
-"""Bytes that go to the disk together."""
-
-
-class GrowingArray:
-    """Rows that come piece by piece and end as one array, without both in memory at once: a
-    bytearray grows by an eighth, and large ones are moved by the operating system, not copied. A
-    ``store`` on the disk gets parts of it meanwhile."""
-
-    def __init__(self, store: Memory = MEMORY) -> None:
-        self.store = store
-        self.parts: list[NDArray[np.uint8]] = []
-        self.room: bytearray | None = None
-        self.first: NDArray[Any] | None = None
-        """All rows, where they come in one piece."""
-
-    def append(self, rows: NDArray[Any]) -> None:
-        """rows [ticks, ...], of one dtype and width throughout."""
-        if self.first is None:
-            self.first = rows
-            return
-        if self.room is None:
-            self.room = bytearray(np.ascontiguousarray(self.first).data.cast("B"))
-            self.first = self.first[:0].copy()
-        self.room += np.ascontiguousarray(rows).data.cast("B")
-        if self.store.on_disk and len(self.room) >= PART:
-            self.store_part(self.room)
-
-    def store_part(self, room: bytearray) -> None:
-        self.parts.append(self.store.kept(np.frombuffer(room, np.uint8)))
-        self.room = bytearray()
-
-    def joined(self) -> NDArray[Any] | None:
-        """All rows; None where there were none. Nothing is appended after that."""
-        if self.first is not None and self.room is None and not self.first.flags.writeable:
-            return self.first.copy()
-        if self.room is None or self.first is None:
-            return self.first
-        held: bytearray | NDArray[np.uint8] = self.room
-        if self.parts:
-            self.store_part(self.room)
-            held, at = self.store.empty(sum(map(len, self.parts)), np.uint8), 0
-            for part in self.parts:
-                held[at : at + len(part)] = part
-                at += len(part)
-                release()
-            self.parts = []
-        return np.frombuffer(held, self.first.dtype).reshape(-1, *self.first.shape[1:])
 
 
 @dataclass
