@@ -36,7 +36,7 @@ INLINE int64_t clamped(int64_t x, int64_t low, int64_t high)
 }
 
 /* The excitation of ``count`` ticks from ``tick`` on; the gain goes from one value to another in an interval. */
-INLINE void excite(const model *p, int64_t tick, int count, int64_t from, int64_t to, int32_t *e)
+INLINE void excite_as(const model *p, int64_t tick, int count, int64_t from, int64_t to, int32_t *e)
 {
     uint32_t first = p->seed + (uint32_t)tick * 2654435769u;
     uint32_t density = p->density ? (uint32_t)p->density : 256;
@@ -54,6 +54,24 @@ INLINE void excite(const model *p, int64_t tick, int count, int64_t from, int64_
         int64_t gain = from + (step * i >> p->shift);
         e[i] = (int32_t)((gain * n[i] + (1 << (GAIN_BITS - 1))) >> GAIN_BITS);
     }
+}
+
+#ifdef WIDE
+WIDE static void excite_wide(const model *p, int64_t tick, int count, int64_t from, int64_t to, int32_t *e)
+{
+    excite_as(p, tick, count, from, to, e);
+}
+#endif
+
+static void excite(const model *p, int64_t tick, int count, int64_t from, int64_t to, int32_t *e)
+{
+#ifdef WIDE
+    if (wide()) {
+        excite_wide(p, tick, count, from, to, e);
+        return;
+    }
+#endif
+    excite_as(p, tick, count, from, to, e);
 }
 
 /* ``g`` [width]; coefficients beyond the order are 0, and change nothing. */
@@ -93,7 +111,7 @@ WIDE static inline __m256i products(__m256i x, __m256i y)
 
 /* The same four coefficients at a time. f of each is what all from it on add up to. A tick in which a
    number leaves 32 bits is left to the loop above. */
-WIDE static void filter_wide(const int64_t *k, int64_t *g, const int32_t *e, int count, int64_t low,
+WIDE INLINE void filter_fours(const int64_t *k, int64_t *g, const int32_t *e, int count, int64_t low,
                              int64_t high, int32_t *out, int width)
 {
     const int fours = width / FOUR;
@@ -107,6 +125,7 @@ WIDE static void filter_wide(const int64_t *k, int64_t *g, const int32_t *e, int
     }
     for (int i = 0; i < count; i++) {
         __m256i f = _mm256_set1_epi64x(e[i]), beyond = zero, first = zero;
+        UNROLL
         for (int v = fours - 1; v >= 0; v--) {
             __m256i u = products(K[v], G[v]), s;
             s = _mm256_add_epi64(u, _mm256_blend_epi32(_mm256_permute4x64_epi64(u, 0x39), zero, 0xC0));
@@ -127,12 +146,19 @@ WIDE static void filter_wide(const int64_t *k, int64_t *g, const int32_t *e, int
         }
         int64_t last = _mm_cvtsi128_si64(_mm256_castsi256_si128(f));
         out[i] = (int32_t)clamped((last + (1 << (FRACTION_BITS - 1))) >> FRACTION_BITS, low, high);
+        UNROLL
         for (int v = 0; v < fours; v++) {
             G[v] = _mm256_alignr_epi8(H[v], _mm256_permute2x128_si256(first, H[v], 0x21), 8);
             first = H[v];
         }
     }
     for (int v = 0; v < fours; v++) _mm256_storeu_si256((__m256i *)(g + FOUR * v), G[v]);
+}
+WIDE static void filter_wide(const int64_t *k, int64_t *g, const int32_t *e, int count, int64_t low,
+                             int64_t high, int32_t *out, int width)
+{
+    if (width == ORDERS) filter_fours(k, g, e, count, low, high, out, ORDERS);
+    else filter_fours(k, g, e, count, low, high, out, width);
 }
 #endif
 
@@ -143,9 +169,7 @@ static void filter(const model *p, const int64_t *k, int64_t *g, const int32_t *
 {
 #ifdef WIDE
     if (p->order > 16 && wide()) {
-        int width = (p->order + FOUR - 1) / FOUR * FOUR;
-        if (width == ORDERS) filter_wide(k, g, e, count, p->low, p->high, out, ORDERS);
-        else filter_wide(k, g, e, count, p->low, p->high, out, width);
+        filter_wide(k, g, e, count, p->low, p->high, out, (p->order + FOUR - 1) / FOUR * FOUR);
         return;
     }
 #endif
