@@ -42,6 +42,10 @@ class Effort:
     other_orders: bool = False
     """Of the best sums, other orders are tried as well."""
 
+    every_form: bool = False
+    """Lossy forms of each kind, lossless ones, and channels apart and together are written, for
+    the smallest to stay; else estimates decide."""
+
     written: int = 1
     """Packets that are written, for the smallest to stay."""
 
@@ -71,7 +75,7 @@ EFFORTS: dict[EffortName, Effort] = {
         undifferenced=False,
     ),
     "default": Effort(),
-    "best": Effort(every_sample=True, other_orders=True, written=6),
+    "best": Effort(every_sample=True, other_orders=True, every_form=True, written=6),
 }
 
 SEARCHES = tuple(field.name for field in fields(Effort))
