@@ -29,6 +29,7 @@ from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
 from ..reading.catalogue import TrackPair
 from ..reading.decoder import TrackDecoder
 from ..recording import Channel, Recording, Span
+from ..spool import Spool, release
 from ..threads import in_order, thread_count
 from .bitrate import fill
 from .bounded import HOPE, encode_bounded, encode_lossless, error_of, lossless_bits
@@ -44,14 +45,13 @@ from .exact import (
     find_relations,
     groups_of,
     stretches,
-    words_size,
 )
 from .gridded import INFINITE, KEPT, NO_STEP, Gridded, on_grid
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, sparse
 from .lengths import Load, PacketLengths, load_of
 from .plan import Promise, check_error, promises_of, range_of, vector_promise
-from .references import Links, encode_run, find_runs, same_ticks, step_of
+from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
 from .settings import Settings, Tolerance
 from .source import InputBlock, cut, group_units, side_by_side
 from .texture import encode_textured
@@ -255,7 +255,6 @@ def encode(
             lambda db: encoding.finish(encoding.at_quality(db)),
             size_of,
             settings.bitrate * 1000 / 8 * float(recording.duration),
-            sum(part.members[0].channel.stored.size for part in encoding.textures),
         )
     )
 
@@ -292,7 +291,8 @@ class Encoding:
         self.recording, self.progress = recording, progress
         originals = [as_recorded(channel) for channel in recording.channels]
         promises = promises_of(replace(recording, channels=tuple(originals)), settings)
-        searches = [LatticeSearch(channel.stored) for channel in originals]
+        store = Spool()
+        searches = [LatticeSearch(channel.stored, store=store) for channel in originals]
         heads, count = heads_of(recording, settings), len(recording)
         longest = settings.cluster_of(recording)
         self.job = EncodeJob(
@@ -360,6 +360,7 @@ class Encoding:
         decisions: list[Decision] = []
         for part in parts:
             decisions += decide(part, job.originals, self.recording)
+            release()
         decisions.sort(key=lambda each: each.channel)
         tracks, packets = number_tracks([part.unit for part in parts])
         exact = not any(decision.largest_error for decision in decisions)
@@ -398,6 +399,7 @@ def put_on_grids(
         found = on_grid(channel, asked, settings, search)
         load = load_of(found, search)
         search.forget()
+        found = found.kept(search.store)
         if asked.floor is settings.max_error and not found.promise.lossless:
             check_bound(channel, found, settings)
         return found, load
@@ -426,6 +428,7 @@ def encode_parts(
     steps, at = [], 0
     for members in groups:
         steps.append(step_of(members, prepared[at].promise, settings))
+        release()
         at += len(members)
 
     runs = list(find_runs(groups, steps))
@@ -434,12 +437,13 @@ def encode_parts(
     def code(run: tuple[tuple[list[Channel], Links], int]) -> list[PlacedUnit]:
         (members, links), at = run
         rows = [
-            replace(each, channel=channel)
+            each if each.channel is channel else replace(each, channel=channel)
             for each, channel in zip(prepared[at : at + len(members)], members, strict=True)
         ]
         return list(encode_members(rows, links, first + at, job))
 
     for coded in in_order(code, zip(runs, starts, strict=False), job.threads):
+        release()
         for part in coded:
             yield part
             done(part.stop)
@@ -519,12 +523,15 @@ def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUn
             double and 8 * part.unit.size > COSTLY * channel.stored.size
             for part, channel, double in zip(run, channels, doubles, strict=True)
         ]
+        if len(run) == 1 or not any(costly):
+            yield from run
+            continue
         # From what is constant no channel follows.
         columns = [
             channel.stored if double else np.zeros(channel.stored.size)
             for channel, double in zip(channels, doubles, strict=True)
         ]
-        found = find_relations(columns, costly) if len(run) > 1 and any(costly) else []
+        found = find_relations(columns, costly)
         at = 0
         for start, stop in stretches(found):
             yield from run[at:start]
@@ -573,7 +580,9 @@ def related(
     units = [part.unit for part in parts]
     spans = job.spans(channels, numbers, (len(channels) + 1) // 2)
     own = [each.among(places) for each in found if each.target in places]
-    joint = encode_linear(channels, [columns[a] for a in places], units, own, numbers, spans)
+    joint = encode_linear(
+        channels, [columns[a] for a in places], units, own, numbers, spans, job.settings.searches
+    )
     if joint is None or joint.size >= (1 - RELATED) * sum(unit.size for unit in units):
         return parts
     return [PlacedUnit(joint, numbers[0], members, numbers=numbers)]
@@ -581,15 +590,16 @@ def related(
 
 def has_doubles(part: PlacedUnit, job: EncodeJob) -> bool:
     """Whether these are the doubles of one channel, such as a track of several may hold."""
-    channel = job.originals[part.first]
+    if job.originals[part.first].stored.dtype != np.float64:
+        return False
+    facts = job.searches[part.first].facts
     return (
-        channel.stored.dtype == np.float64
-        and bool(np.isfinite(channel.stored).all())
+        facts.finite
         # Words of which one is larger than those of a binary grid may not; others do not come
         # near the largest double, where sums overflow.
         and (
             part.unit.base.track.number_format == "counts"
-            or float(np.abs(channel.stored).max(initial=0.0)) <= EXACT_LIMIT
+            or max(-facts.low, facts.high) <= EXACT_LIMIT
         )
     )
 
@@ -783,8 +793,10 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         words = partial(encode_words, channel, spans, first_channel, kind, WORDS_REASON)
         if kind != "binary64":
             return words()
-        search, least = job.searches[first_channel], partial(words_size, channel, spans)
-        return encode_doubles(channel, spans, first_channel, words, search, least=least)
+        return encode_doubles(
+            channel, spans, first_channel, words, job.searches[first_channel],
+            effort=job.settings.searches,
+        )  # fmt: skip
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
@@ -819,7 +831,7 @@ def encode_source(
             exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")
             return encode_doubles(
                 original, spans, first_channel, as_counts, job.searches[first_channel],
-                exact=exact, grid=False,
+                exact=exact, grid=False, effort=settings.searches,
             )  # fmt: skip
         return as_counts()
     if promise.paper:
@@ -829,7 +841,9 @@ def encode_source(
         assert joint
         unit = joint
     elif promise.texture is not None:
-        found = encode_textured(source, original, first_channel, promise, settings.cutoff_hz)
+        found = encode_textured(
+            source, original, first_channel, promise, settings.cutoff_hz, settings.searches
+        )
         unit = found or without_loss(original, first_channel, job)
     else:
         unit = encode_within(members[0], source, base, first_channel, promise, settings.searches)
@@ -881,14 +895,19 @@ def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:
     tracks: list[Track] = []
     packets: list[Packet] = []
     for id_, (coded, base) in enumerate(numbered):
-        tracks.append(replace(coded.track, id=id_, base=base))
-        packets += [replace(packet, track=id_) for packet in join_constant(coded)]
+        tracks.append(coded.track.numbered(id_, base))
+        packets += [
+            Packet(id_, packet.start, packet.span, packet.data) for packet in join_constant(coded)
+        ]
     return tracks, packets
 
 
 def join_constant(coded: Coded) -> Iterator[Packet]:
     """Neighbours that are the same constant as one packet, so that silence costs next to nothing:
     a packet alone takes ten bytes of a cluster's table."""
+    if len(coded.packets) < 2:
+        yield from coded.packets
+        return
     runs: list[list[Packet]] = []
     limit = JOINED_TICKS // len(coded.track.components)
     for packet in coded.packets:

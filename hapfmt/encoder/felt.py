@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, sqrt
+from math import ceil, nextafter, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from ..metrics import MOVES, Quantity
 from ..recording import Calibration, Channel
 from ..split import PADDING_PERIODS, slow_for_telling
 from .plan import Promise, quantity_of, without_glitches
-from .quality import Measure, measure_of
+from .quality import Measure, ThresholdMeasure, measure_of
 from .source import InputBlock
 
 Doubles = NDArray[np.float64]
@@ -23,6 +23,11 @@ STRETCH = 1 << 18
 
 RESOLVED = 1e-12
 """Share of the largest value that rounding leaves where the slow part is the signal itself."""
+
+DEADBAND_SHARE = 3.0
+"""Where evenly spread errors would be this many times too large, those of lines are too."""
+
+SMALLEST = 1e-300
 
 SILENT_S = 0.5
 """A stretch without texture lasts this long at least, in seconds."""
@@ -93,6 +98,17 @@ class FeltChannel:
         return self.first_step <= 2 * self.floor
 
     @property
+    def threshold_decides(self) -> bool:
+        return isinstance(self.measure, ThresholdMeasure)
+
+    @property
+    def deadband_may_do(self) -> bool:
+        """Whether the deadband of the slow part may be as narrow as the quality asks for: errors
+        of lines are about spread evenly."""
+        noise = float(np.square(self.allowed).mean()) / 3
+        return noise <= DEADBAND_SHARE * self.power * self.measure.noise
+
+    @property
     def first_step(self) -> float:
         """The step of a uniform grid that about has the quality."""
         return sqrt(12 * self.power * self.measure.noise)
@@ -114,8 +130,16 @@ class FeltChannel:
         return self.measure.error(y) <= self.measure.allowed and self.slow_holds(y)
 
     def slow_holds(self, y: Doubles) -> bool:
-        error = slow_of(y - self.x, self.source, self.cutoff_hz)
-        return bool((np.abs(error) <= self.allowed).all())
+        return self.slow_excess(y) <= 1
+
+    def slow_excess(self, y: Doubles) -> float:
+        """The largest error of the slow part, in deadbands."""
+        error = np.abs(slow_of(y - self.x, self.source, self.cutoff_hz))
+        beyond = error > self.allowed
+        if not beyond.any():
+            return float((error / np.maximum(self.allowed, SMALLEST)).max(initial=0.0))
+        # Also where the quotient rounds to 1.
+        return max(float((error / np.maximum(self.allowed, SMALLEST)).max()), nextafter(1, 2))
 
 
 def counts_nearest(x: Doubles, calibration: Calibration) -> NDArray[np.int64]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from math import inf, isfinite, log10
 from typing import Protocol
 
@@ -18,9 +19,9 @@ from ..metrics import (
     TEXTURE_BLOCK,
     TEXTURE_EDGE,
     TEXTURE_HIGH_PASS_HZ,
+    Similarity,
     resampling_8khz,
     snr_db,
-    st_sim,
 )
 from .settings import CLOSE, TEXTURE_DB, TextureQuality
 from .source import InputBlock
@@ -32,6 +33,16 @@ FIRST_DB = 12.0
 
 SIMILARITY_S = 30
 """ST-SIM is measured on at most this many seconds, from the middle of the longest run."""
+
+
+NEAR_ENOUGH = 0.975
+"""A search ends this near to the largest allowed error: 0.1 dB."""
+
+SHARE_OF_DB = 0.75 * CLOSE
+"""... or at this share of a target in dB, where that is less."""
+
+PEAK = 4.2
+"""The largest of some ten thousand errors that are distributed normally, over their deviation."""
 
 
 class Measure(Protocol):
@@ -47,8 +58,22 @@ class Measure(Protocol):
     def note(self) -> str:
         """Why another measure than the one that was asked for is used; mostly empty."""
 
+    @property
+    def near(self) -> float:
+        """Share of the largest allowed error from which on a search ends, where tries take long."""
+
+    @property
+    def costly(self) -> bool:
+        """Whether measuring takes long."""
+
     def error(self, y: Doubles) -> float:
         """The error of decoded samples."""
+
+    def error_of(self, noise: float) -> float | None:
+        """The same for a mean squared error; None where it does not decide."""
+
+    def known(self, y: Doubles) -> Measure:
+        """The same, with the noise of samples that have the quality."""
 
     def value(self, y: Doubles) -> dict[str, float]:
         """The quality of decoded samples, for the user."""
@@ -72,6 +97,11 @@ class NoiseMeasure:
         return float(10 ** (-self.db / 10))
 
     noise = allowed
+    costly = False
+
+    @property
+    def near(self) -> float:
+        return float(max(NEAR_ENOUGH, self.allowed**SHARE_OF_DB))
 
     def error(self, y: Doubles) -> float:
         e = y - self.x
@@ -80,6 +110,12 @@ class NoiseMeasure:
         # No product of vectors: BLAS wakes threads for it, which takes longer.
         mse = float(np.square(e).sum()) / max(e.size, 1)
         return mse / self.power if self.power else inf
+
+    def error_of(self, noise: float) -> float | None:
+        return noise / self.power if self.power and self.textured is None else None
+
+    def known(self, y: Doubles) -> NoiseMeasure:  # noqa: ARG002
+        return self
 
     def value(self, y: Doubles) -> dict[str, float]:
         error, whole = self.error(y), snr_db(self.x, y)
@@ -92,6 +128,47 @@ class NoiseMeasure:
 
 
 @dataclass(frozen=True)
+class ThresholdMeasure:
+    """A measure that errors within the absolute threshold satisfy too."""
+
+    of_all: NoiseMeasure
+    x: Doubles
+    floor: float
+
+    near, costly = NEAR_ENOUGH, False
+
+    @property
+    def allowed(self) -> float:
+        return self.of_all.allowed
+
+    @property
+    def noise(self) -> float:
+        """Errors of a transform are spread like those of a normal distribution."""
+        within = (self.floor / PEAK) ** 2 / self.of_all.power
+        return max(self.of_all.noise, within)
+
+    @property
+    def note(self) -> str:
+        return self.of_all.note
+
+    def error(self, y: Doubles) -> float:
+        largest = float(np.abs(y - self.x).max(initial=0.0))
+        return min(self.of_all.error(y), self.allowed * (largest / self.floor) ** 2)
+
+    def error_of(self, noise: float) -> float | None:  # noqa: ARG002
+        return None
+
+    def known(self, y: Doubles) -> ThresholdMeasure:  # noqa: ARG002
+        return self
+
+    def value(self, y: Doubles) -> dict[str, float]:
+        return self.of_all.value(y)
+
+    def close(self, y: Doubles) -> bool:
+        return self.of_all.close(y)
+
+
+@dataclass(frozen=True)
 class SimilarityMeasure:
     """What ST-SIM lacks of 1, on the longest run."""
 
@@ -100,19 +177,31 @@ class SimilarityMeasure:
     rate: Fraction
     wanted: float
     snr: NoiseMeasure
+    noise: float = 10 ** (-FIRST_DB / 10)
 
-    noise = 10 ** (-FIRST_DB / 10)
     note = ""
+    near, costly = NEAR_ENOUGH, True
 
     @property
     def allowed(self) -> float:
         return 1 - self.wanted
 
+    @cached_property
+    def of_original(self) -> Similarity:
+        return Similarity(self.x[self.rows], self.rate)
+
     def similarity(self, y: Doubles) -> float:
-        return st_sim(self.x[self.rows], y[self.rows], self.rate)
+        return self.of_original.of(y[self.rows])
 
     def error(self, y: Doubles) -> float:
         return max(1 - self.similarity(y), 0.0)
+
+    def error_of(self, noise: float) -> float | None:  # noqa: ARG002
+        return None
+
+    def known(self, y: Doubles) -> SimilarityMeasure:
+        error = self.snr.error(y)
+        return replace(self, noise=error) if 0 < error < 1 else self
 
     def value(self, y: Doubles) -> dict[str, float]:
         return {"st_sim": self.similarity(y), **self.snr.value(y)}

@@ -39,6 +39,8 @@ from ..kernels import compiled
 from ..limits import ZERO_LIMIT
 from ..numbers import clamp
 from ..recording import Channel, Span
+from ..spool import release
+from ..threads import check_stopped
 from .bounded import contract_for, error_of
 from .effort import Effort
 from .gridded import nearest_uniform
@@ -46,7 +48,7 @@ from .knots import Coded
 from .plan import Promise
 from .predict import LIMITS, autocorrelations, best_order, encode_best, levinson, logs
 from .settings import Settings
-from .source import InputBlock, declared_range, make_track
+from .source import declared_range, make_track
 from .unit import Unit
 
 Indices = NDArray[np.int64]
@@ -379,17 +381,21 @@ def encode_run(
     effort: Effort,
 ) -> Unit | None:
     """One track of several components; None where they have no common range of counts."""
-    counts = np.column_stack([channel.stored.astype(np.int64) for channel in channels])
-    low, high = declared_range(counts)
+    ends = [end for c in channels for end in (c.stored.min(), c.stored.max())]
+    low, high = declared_range(np.array(ends, np.int64))
     if not all(c.calibration and c.calibration.covers(low, high) for c in channels):
         return None
-    source = InputBlock(tuple(channels), counts, tuple(spans))
     grid = LpcParameters(step=2 * error + 1)
     base = make_track(channels, first_channel, codec="LPCR", count_min=low, count_max=high)
     coded = Coded(replace(base, parameters=grid.build()))
     sizes = [0] * len(channels)
-    for span, counted in source.pieces(source.counts):
-        rows = np.ascontiguousarray(nearest_uniform(counted, grid).T)
+    at = 0
+    for span in spans:
+        check_stopped()
+        counts = [channel.stored[at : at + span.ticks].astype(np.int64) for channel in channels]
+        rows = np.stack([nearest_uniform(row, grid) for row in counts])
+        at += span.ticks
+        release()
         packets = [
             encode_referring(rows, place, sources, effort) for place, sources in enumerate(links)
         ]

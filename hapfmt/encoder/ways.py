@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
-from math import ceil, log2, sqrt
+from functools import cached_property, lru_cache, partial
+from math import ceil, log, log2, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from ..codecs.grids import LpcParameters
 from ..codecs.predicted import join_components
+from ..codecs.transform import STEP_LIMIT as STEP_MOST
 from ..codecs.transform import (
-    BLOCKS,
     UNIT,
     WEIGHT_ONE,
     WEIGHTS_LIMIT,
     TransformParameters,
-    parse_header,
+    encode_component,
 )
-from ..codecs.transform import STEP_LIMIT as STEP_MOST
 from ..errors import ParameterError
 from ..format.cluster import Packet
 from ..format.track import Component, Contract, Track
@@ -30,6 +29,7 @@ from ..metrics import vibrotactile_threshold
 from ..numbers import clamp
 from ..recording import Calibration, Channel, Span
 from .bounded import code_grid, code_lines
+from .effort import Effort
 from .felt import Doubles, FeltChannel, counts_nearest
 from .gridded import Indices, nearest_uniform
 from .knots import Coded
@@ -37,7 +37,7 @@ from .lattice import LatticeSearch, on_uniform_grid
 from .plan import Promise
 from .predict import encode_best
 from .source import InputBlock, declared_range
-from .transform import encode_coefficients, forward
+from .transform import LAMBDA, STARTS, Levels, forward, quantise, sampled
 from .unit import (
     ENCODE_LEVEL,
     STEP_LIMIT,
@@ -54,17 +54,33 @@ FINER = 128
 FINEST = 4 * FINER
 """Counts that one count of the source is divided into at most."""
 
+FIRST_SIZE = 128
+"""The search for the size of blocks begins with it. By all of the samples: one in four chose sizes
+that took 4 % more."""
+
+ERROR_WEIGHT = LAMBDA / 256
+"""What a bit counts for, in squares of the step."""
+
+EDGE_SHIFT = 21
+"""Bits of a binary32 below its exponent and two bits of its mantissa."""
+
 TRELLIS_NOISE, TRELLIS_ZERO = 0.24, 1.3
 """Mean squared error of a coefficient in squares of the step, which is 1/3 without a trellis. And
 how many steps a coefficient is smaller than that becomes 0. Both are measured."""
+
+ZERO_POWER = TRELLIS_ZERO**2
 
 SLOW_BAND = 2
 """Coefficients up to this many times the split frequency decide whether the slow part keeps its
 deadband."""
 
-STEP_HALVINGS = 12
-
 FREE_TRIALS = 2
+
+BELOW = 0.96
+"""Share of the noise that the first step aims at: all blocks have some more than those seen."""
+
+STEADIER, FURTHER = 0.7, 1.4
+"""Smaller weights also move the errors of other coefficients."""
 
 NATIVE = 4
 """A step of fewer counts of the source is tried in whole counts too: a source with few distinct
@@ -73,57 +89,98 @@ values, such as the difference of encoder counts, loses nothing on its own grid.
 
 @dataclass(frozen=True)
 class CodedTrial:
-    """What a step gives: the step that was used, decoded samples in the channel's unit, and a
-    function that codes them.
+    """What a step gives: the step that was used, a function that gives decoded samples in the
+    channel's unit, and one that codes them.
 
-    The function takes the smallest size so far, and gives None where it is sure not to be below.
+    The latter takes the smallest size so far, and gives None where it is sure not to be below.
+    ``noise``: the mean squared error, where it is known without decoding. ``indices``: what is
+    predicted; None: nothing is.
     """
 
     step: float
-    samples: Doubles
+    decode: Callable[[], Doubles]
     code: Callable[[int | None], Unit | None]
+    noise: float | None = None
+    indices: Indices | None = None
     limited: bool = False
     """Whether wider steps have the quality too, but leave the deadband."""
+
+    @cached_property
+    def samples(self) -> Doubles:
+        return self.decode()
 
 
 @dataclass(frozen=True)
 class Way:
     """A way to code a texture: a function of the step of a uniform grid, in the channel's unit.
 
+    ``bits``: about what it takes at the first step; None: a trial tells.
+
     The function gives None where there is no such step. ``first``: the step to begin with.
-    ``costly``: each trial codes the channel. ``steadier``: a way with smaller errors of the slow
-    part, from the step to begin with; None: there is none.
+    ``costly``: each trial takes long. ``steadier``: a way with smaller errors of the slow part,
+    from the step to begin with and how much too large they are; None: there is none.
     """
 
     at: Callable[[float], CodedTrial | None]
     first: float
     costly: bool = False
-    steadier: Callable[[float], Way] | None = None
+    steadier: Callable[[float, float], Way | None] | None = None
+    bits: float | None = None
 
 
 def ways_of(
+    felt: FeltChannel, original: Channel, first_channel: int, promise: Promise, searches: Effort
+) -> Iterator[Way]:
+    """The ways to code a texture, or those of the only codec that was asked for."""
+    yield from predicted_ways(felt, original, first_channel, promise)
+    yield from other_ways(felt, original, first_channel, promise, searches)
+
+
+def is_native(felt: FeltChannel) -> bool:
+    """Whether a step may suit that is few counts of the source."""
+    calibration = felt.source.channels[0].calibration
+    assert calibration is not None
+    return felt.first_step < NATIVE * float(abs(calibration.step))
+
+
+def is_predicted(felt: FeltChannel, promise: Promise) -> bool:
+    assert promise.texture is not None
+    return promise.texture.codec != "MDCT" and not felt.threshold_decides
+
+
+def predicted_ways(
     felt: FeltChannel, original: Channel, first_channel: int, promise: Promise
 ) -> Iterator[Way]:
-    """All ways to code a texture, or those of the only codec that was asked for."""
-    assert promise.texture is not None
-    codec = promise.texture.codec
-    asked = codec == "MDCT" or promise.texture.weighting > 0
-    predicted, transformed = codec != "MDCT", asked or codec is None
-    step, source = felt.first_step, felt.source.channels[0]
-    finer = coarser_for(original, source, step) or finer_for(source, step)
-    if predicted:
+    """The whole signal predicted, on each grid that may suit."""
+    if is_predicted(felt, promise):
         yield way_of_whole(felt, original, first_channel)
+        if is_native(felt):
+            yield way_of_counts(felt, felt.source.channels[0], first_channel)
+
+
+def other_ways(
+    felt: FeltChannel, original: Channel, first_channel: int, promise: Promise, searches: Effort
+) -> Iterator[Way]:
+    """By MDCT, and after lines for the slow part."""
+    texture, source = promise.texture, felt.source.channels[0]
+    assert texture is not None
+    asked = texture.codec == "MDCT" or texture.weighting > 0
+    predicted = is_predicted(felt, promise)
+    transformed = asked or (texture.codec is None and searches.transform)
+    finer = coarser_for(original, source, felt.first_step) or finer_for(source, felt.first_step)
     if transformed:
         yield way_of_transform(felt, finer, first_channel)
-    for everywhere in (False, True) if felt.textured is not None else (False,):
-        split = split_of(felt, finer, first_channel, promise, everywhere=everywhere)
-        if split and predicted:
-            yield way_of_lines(felt, split)
-        if split and transformed:
-            yield way_of_lines_and_transform(felt, split)
-    assert source.calibration is not None
-    if predicted and step < NATIVE * float(abs(source.calibration.step)):
-        yield way_of_counts(felt, source, first_channel)
+    if not (searches.lines or felt.textured is not None):
+        return
+    split = split_of(felt, finer, first_channel, promise)
+    if split and predicted:
+        yield way_of_lines(felt, split)
+    after = None
+    if split and transformed and searches.lines:
+        after = way_of_lines_and_transform(felt, split)
+    if after:
+        yield after
+    if searches.lines and is_native(felt) and predicted:
         split = split_of(felt, source, first_channel, promise)
         if split:
             yield way_of_lines(felt, split)
@@ -154,7 +211,8 @@ def way_of_whole(felt: FeltChannel, original: Channel, first_channel: int) -> Wa
             return Unit(coded, None, "predicted", reason, exact=True, channels=source.channels)
 
         samples = channel.calibration.physical(channel.stored)
-        return CodedTrial(float(channel.calibration.step), samples, code)
+        step = float(channel.calibration.step)
+        return CodedTrial(step, lambda: samples, code, indices=channel.stored)
 
     return Way(way, felt.first_step)
 
@@ -198,7 +256,8 @@ def way_of_counts(felt: FeltChannel, channel: Channel, first_channel: int) -> Wa
 
     def way(step: float) -> CodedTrial | None:
         grid = LpcParameters(clamp(round(step / count), 1, STEP_LIMIT))
-        y = np.clip(nearest_uniform(wanted, grid) * grid.step, low, high)
+        indices = nearest_uniform(wanted, grid)
+        y = np.clip(indices * grid.step, low, high)
 
         def code(smallest: int | None) -> Unit | None:
             coded = code_grid(whole, track, grid, nearest_uniform, smallest)
@@ -210,7 +269,7 @@ def way_of_counts(felt: FeltChannel, channel: Channel, first_channel: int) -> Wa
             reason = f"prediction on a uniform grid of {count * grid.step:.4g} {channel.unit}"
             return Unit(coded, None, "predicted", reason, exact=not error, channels=(channel,))
 
-        return CodedTrial(count * grid.step, calibration.physical(y), code)
+        return CodedTrial(count * grid.step, lambda: calibration.physical(y), code, indices=indices)
 
     return Way(way, felt.first_step)
 
@@ -311,7 +370,7 @@ def way_of_lines(felt: FeltChannel, split: Split) -> Way:
             reason = f"lines, and prediction of the rest on a uniform grid of {text}"
             return split.unit(fast, y, "lines + predicted", reason)
 
-        return CodedTrial(count * grid.step, calibration.physical(y), code)
+        return CodedTrial(count * grid.step, lambda: calibration.physical(y), code)
 
     return Way(way, felt.first_step)
 
@@ -320,53 +379,62 @@ def way_of_transform(felt: FeltChannel, channel: Channel, first_channel: int) ->
     """The whole signal by MDCT."""
     calibration = channel.calibration
     assert calibration is not None
-    count = float(abs(calibration.step))
     stored = channel.stored.astype(np.int64)
     whole = InputBlock((channel,), felt.wanted_counts(channel)[:, None], felt.source.spans)
     track = whole_range(replace(whole, counts=stored[:, None]), first_channel)
-    lapped = Lapped(felt, whole, count)
+    lapped = Lapped(felt, whole, float(abs(calibration.step)))
 
-    def way(weight: int, step: float) -> CodedTrial | None:
-        coded = lapped.code(track, step, weight)
-        if coded is None:
-            return None
-        y = decode_all(coded, 1)[:, 0]
-        error = max(furthest(y, stored, felt.x, calibration), 1)
-        coded.track = replace(coded.track, contract=uniform(error, calibration))
-        unit = Unit(coded, None, "transformed", lapped.text(step, channel), channels=(channel,))
-        return CodedTrial(step, calibration.physical(y), lambda _smallest: unit)
+    def unit_of(fast: Coded, step: float) -> tuple[Indices, Callable[[], Unit]]:
+        y = decode_all(fast, 1)[:, 0]
 
-    return weighted(way, lapped.first)
+        def unit() -> Unit:
+            error = max(furthest(y, stored, felt.x, calibration), 1)
+            fast.track = replace(fast.track, contract=uniform(error, calibration))
+            return Unit(fast, None, "transformed", lapped.text(step, channel), channels=(channel,))
+
+        return y, unit
+
+    return lapped.way(track, calibration, unit_of)
 
 
-def way_of_lines_and_transform(felt: FeltChannel, split: Split) -> Way:
+def way_of_lines_and_transform(felt: FeltChannel, split: Split) -> Way | None:
     """Lines for the slow part, and what they leave by MDCT."""
     calibration = split.calibration
     rest = replace(split.source, counts=split.residual[:, None])
-    lapped = Lapped(felt, rest, float(abs(calibration.step)))
     track = split.residual_track("MDCT", b"", split.residual)
+    if track is None:
+        return None
+    lapped = Lapped(felt, rest, float(abs(calibration.step)))
 
-    def way(weight: int, step: float) -> CodedTrial | None:
-        fast = lapped.code(track, step, weight) if track else None
-        if fast is None:
-            return None
+    def unit_of(fast: Coded, step: float) -> tuple[Indices, Callable[[], Unit]]:
         y = split.with_residual(decode_all(fast, 1)[:, 0])
         reason = f"lines, and {lapped.text(step, split.source.channels[0])} for the rest"
-        unit = split.unit(fast, y, "lines + transformed", reason)
-        return CodedTrial(step, calibration.physical(y), lambda _smallest: unit)
+        return y, lambda: split.unit(fast, y, "lines + transformed", reason)
 
-    return weighted(way, lapped.first)
+    return lapped.way(track, calibration, unit_of)
+
+
+class Slow(NamedTuple):
+    """A weight for the bands of the slow part, and how many times the split frequency they reach
+    to."""
+
+    weight: int = WEIGHT_ONE
+    reach: float = SLOW_BAND
 
 
 def weighted(
-    way: Callable[[int, float], CodedTrial | None], first: float, weight: int = WEIGHT_ONE
+    way: Callable[[Slow, float], CodedTrial | None],
+    first: float,
+    slow: Slow = Slow(),  # noqa: B008
+    bits: float | None = None,
 ) -> Way:
-    """A way by MDCT, and after it those with smaller weights of slow coefficients."""
+    """A way by MDCT, and after it those with smaller weights of slow coefficients, and of more."""
 
-    def steadier(step: float) -> Way:
-        return weighted(way, step, weight // 4)
+    def steadier(step: float, excess: float) -> Way | None:
+        less = min(int(STEADIER * slow.weight / excess), slow.weight // 2)
+        return weighted(way, step, Slow(less, FURTHER * slow.reach)) if less > 0 else None
 
-    return Way(partial(way, weight), first, True, steadier if weight >= 4 else None)
+    return Way(partial(way, slow), first, True, steadier, bits)
 
 
 class Lapped:
@@ -376,34 +444,98 @@ class Lapped:
         """The block whose coefficients take the fewest bits, about. count: in the unit."""
         self.felt, self.count, self.rate = felt, count, float(source.rate)
         noise = (felt.first_step / count) ** 2 / 12
-        found = []
-        for size in BLOCKS:
-            blocks = list(blocks_of(source, size))
-            sizes = np.abs(np.concatenate([block.coefficients for block in blocks])) / UNIT
-            step = step_for(sizes, noise)
-            found.append((float(np.log2(1 + sizes / step).sum()), size, step, blocks))
-        _, self.size, step, self.blocks = min(found, key=lambda each: each[0])
-        self.first = step * sqrt(2 * self.size) * count
+        self.size, self.blocks = best_blocks(source, noise)
+        self.spread = Spread.of(sizes_of(self.blocks))
+        step = self.spread.step_for(2 * noise / self.size)
+        self.classes, factor = [STARTS[0]] * len(self.blocks), 1.0
+        self.bits = 0.0
+        """About what the coefficients take."""
+        rows = max(self.blocks, key=lambda block: block.coefficients.size).coefficients
+        parameters = self.parameters(step * sqrt(2 * self.size) * count)
+        with suppress(ValueError):
+            some = sampled(rows, parameters.steps)
+            self.classes = [some.classes] * len(self.blocks)
+            expected = Spread.of(np.abs(some.rows).reshape(-1) / UNIT)
+            known = expected.noise(step)
+            found = some.errors * step**2 / some.rows.size
+            if found:
+                factor = (BELOW * known / found) ** (1 / self.spread.power(step))
+            self.bits = some.bits * self.spread.bits(step) / max(expected.bits(step), 1)
+        self.first = step * factor * sqrt(2 * self.size) * count
         """The step of a uniform grid with about the same error, in the unit."""
-        self.classes: list[int | None] = [None] * len(self.blocks)
         self.trials = 0
 
-    def parameters(self, step: float, weight: int = WEIGHT_ONE) -> TransformParameters:
+    def way(
+        self,
+        track: Track,
+        calibration: Calibration,
+        unit_of: Callable[[Coded, float], tuple[Indices, Callable[[], Unit]]],
+    ) -> Way:
+        """unit_of: decoded counts and a function that gives the unit, of a track and its step."""
+
+        def at(slow: Slow, step: float) -> CodedTrial | None:
+            parameters = self.parameters(step, slow)
+            found = self.quantised(parameters)
+            if found is None:
+                return None
+
+            @lru_cache(1)
+            def coded() -> tuple[Indices, Callable[[], Unit]]:
+                own = Coded(replace(track, codec="MDCT", parameters=parameters.build()))
+                for block, each in zip(self.blocks, found, strict=True):
+                    data = encode_component(block.base, each.levels, each.classes, each.start)
+                    packet = Packet(0, block.span.start, block.span.ticks, join_components([data]))
+                    own.packets.append(packet)
+                return unit_of(own, step)
+
+            noise = None
+            if not parameters.weights:
+                exact = sum(each.errors for each in found) * (parameters.step / UNIT) ** 2
+                # The last block of a packet has the same error where there is no sample any more.
+                ticks = sum(block.coefficients.size for block in self.blocks)
+                noise = (exact * self.size / 2 / ticks + 1 / 12) * self.count**2
+            return CodedTrial(
+                step,
+                lambda: calibration.physical(coded()[0]),
+                lambda _smallest: coded()[1](),
+                noise,
+            )
+
+        return weighted(at, self.first, bits=self.bits)
+
+    def quantised(self, parameters: TransformParameters) -> list[Levels] | None:
+        """None where coefficients are too large for the codec.
+
+        The classes of the entropy coder follow the step for a few trials. Then they stay: where
+        they jump, the trellis finds another error.
+        """
+        self.trials += 1
+        found = []
+        for place, block in enumerate(self.blocks):
+            try:
+                each = quantise(block.coefficients, parameters.steps, self.classes[place])
+            except ValueError:
+                return None
+            found.append(each)
+            if each.levels.size and self.trials <= FREE_TRIALS:
+                self.classes[place] = each.classes
+        return found
+
+    def parameters(self, step: float, slow: Slow = Slow()) -> TransformParameters:  # noqa: B008
         counts = step / self.count / sqrt(2 * self.size)
-        even = weight == WEIGHT_ONE and not self.felt.weighting
-        weights = b"" if even else self.weights(weight)
+        even = slow.weight == WEIGHT_ONE and not self.felt.weighting
+        weights = b"" if even else self.weights(slow)
         return TransformParameters(self.size, clamp(round(UNIT * counts), 1, STEP_MOST), weights)
 
-    def weights(self, weight: int) -> bytes:
-        """Weights of bands: the steps that a person feels alike, times the weight for bands that
-        begin below SLOW_BAND times the split frequency."""
-        slow = SLOW_BAND * self.felt.cutoff_hz
+    def weights(self, slow: Slow) -> bytes:
+        """Weights of bands: the steps that a person feels alike, times the weight of slow ones."""
+        hz = slow.reach * self.felt.cutoff_hz
         bands = min(self.size, WEIGHTS_LIMIT)
         if not self.felt.weighting:
-            bands = min(1 << ceil(log2(max(self.rate / slow, 2))), bands)
+            bands = min(1 << ceil(log2(max(self.rate / SLOW_BAND / self.felt.cutoff_hz, 2))), bands)
         width = self.rate / 2 / bands
         factors = self.thresholds(np.arange(0.5, bands) * width) ** self.felt.weighting
-        factors[: min(ceil(slow / width), bands)] *= weight / WEIGHT_ONE
+        factors[: min(ceil(hz / width), bands)] *= slow.weight / WEIGHT_ONE
         return bytes(np.clip(np.rint(WEIGHT_ONE * factors), 0, 255).astype(np.uint8))
 
     def thresholds(self, hz: Doubles) -> Doubles:
@@ -411,29 +543,6 @@ class Lapped:
         frequency take its threshold, because the curve holds for vibrations only."""
         found = vibrotactile_threshold(np.maximum(hz, self.felt.cutoff_hz), self.felt.moves)
         return np.asarray(found / found.min())
-
-    def code(self, track: Track, step: float, weight: int) -> Coded | None:
-        """None where coefficients are too large for the codec.
-
-        The classes of the entropy coder follow the step for a few trials. Then they stay: where
-        they jump, the trellis finds another error.
-        """
-        parameters = self.parameters(step, weight)
-        coded = Coded(replace(track, codec="MDCT", parameters=parameters.build()))
-        classes = self.classes if self.trials >= FREE_TRIALS else [None] * len(self.blocks)
-        self.trials += 1
-        for place, (block, known) in enumerate(zip(self.blocks, classes, strict=True)):
-            try:
-                data = encode_coefficients(
-                    block.base, block.coefficients, parameters, classes=known
-                )
-            except ValueError:
-                return None
-            header, _ = parse_header(data, self.size, ENCODE_LEVEL, 0)
-            self.classes[place] = header.classes if header.kept else known
-            packet = join_components([data])
-            coded.packets.append(Packet(0, block.span.start, block.span.ticks, packet))
-        return coded
 
     def text(self, step: float, channel: Channel) -> str:
         amount = self.parameters(step).step / UNIT * self.count
@@ -456,17 +565,97 @@ def blocks_of(source: InputBlock, size: int) -> Iterator[Transformed]:
         yield Transformed(span, base, forward(x - base, size))
 
 
-def step_for(sizes: Doubles, noise: float) -> float:
-    """The step in counts with about this mean squared error: that of a quantiser, or all of a
-    coefficient that becomes 0."""
-    middle = sqrt(6 * noise / sizes.shape[1])
-    low, high = middle / 4, middle * 16
-    for _ in range(STEP_HALVINGS):
-        middle = sqrt(low * high)
-        zero = sizes < TRELLIS_ZERO * middle
-        error = np.where(zero, sizes * sizes, TRELLIS_NOISE * middle**2)
-        low, high = (middle, high) if error.sum(axis=1).mean() / 2 < noise else (low, middle)
-    return low
+def best_blocks(source: InputBlock, noise: float) -> tuple[int, list[Transformed]]:
+    """The size of blocks whose coefficients take the fewest bits, and these. Sizes twice as large
+    are tried while they are better, or sizes half as large."""
+    found = {FIRST_SIZE: list(blocks_of(source, FIRST_SIZE))}
+    step = max(Spread.of(sizes_of(found[FIRST_SIZE])).step_for(2 * noise / FIRST_SIZE), 1e-9)
+
+    def cost(size: int) -> float:
+        if size not in found:
+            found[size] = list(blocks_of(source, size))
+        per_step = size / FIRST_SIZE / (step * UNIT) ** 2
+        # In squares of the step.
+        power = [np.square(block.coefficients) * per_step for block in found[size]]
+        errors = sum(np.where(p < ZERO_POWER, p, TRELLIS_NOISE).sum() for p in power)
+        bits = sum(np.log2(1 + 2 * p).sum() for p in power) / 2
+        ticks = sum(p.size for p in power)
+        return float(errors / ERROR_WEIGHT + bits) / ticks
+
+    best = FIRST_SIZE
+    fewest = cost(best)
+    for sizes in (range(1, 3), range(-1, -3, -1)):
+        for size in (FIRST_SIZE << k if k > 0 else FIRST_SIZE >> -k for k in sizes):
+            other = cost(size)
+            if other >= fewest:
+                break
+            best, fewest = size, other
+        if best != FIRST_SIZE:
+            break
+    return best, found[best]
+
+
+def sizes_of(blocks: Sequence[Transformed]) -> Doubles:
+    """Magnitudes of coefficients in counts."""
+    return np.concatenate([np.abs(block.coefficients).reshape(-1) / UNIT for block in blocks])
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How large coefficients are: those up to each edge, a quarter of an octave apart.
+
+    ``counts`` and ``energy`` of those below an edge.
+    """
+
+    edges: Doubles
+    counts: Doubles
+    energy: Doubles
+
+    @classmethod
+    def of(cls, sizes: Doubles) -> Spread:
+        # The exponent and two bits of the mantissa of a binary32.
+        places = sizes.astype(np.float32).view(np.int32) >> EDGE_SHIFT
+        first, last = int(places.min(initial=0)), int(places.max(initial=0)) + 1
+        edges = (np.arange(first, last + 1, dtype=np.int32) << EDGE_SHIFT).view(np.float32)
+        places -= first
+        counts = np.bincount(places, minlength=last - first).cumsum()
+        energy = np.bincount(places, sizes * sizes, last - first).cumsum()
+        zero = np.zeros(1)
+        return cls(
+            edges.astype(np.float64), np.concatenate((zero, counts)),
+            np.concatenate((zero, energy)),
+        )  # fmt: skip
+
+    def noises(self) -> Doubles:
+        """Mean squared errors with a step whose zeros reach to each edge: those of a quantiser, or
+        all of a coefficient that becomes 0."""
+        steps = self.edges / TRELLIS_ZERO
+        left = self.counts[-1] - self.counts
+        found = (self.energy + TRELLIS_NOISE * left * steps**2) / max(self.counts[-1], 1)
+        return np.asarray(np.maximum.accumulate(found))
+
+    def noise(self, step: float) -> float:
+        if step * TRELLIS_ZERO <= self.edges[0]:
+            return float(TRELLIS_NOISE * step**2)
+        return float(np.interp(step * TRELLIS_ZERO, self.edges, self.noises()))
+
+    def step_for(self, noise: float) -> float:
+        """The step with about this mean squared error."""
+        found = self.noises()
+        if noise <= found[0] or found[-1] <= 0:
+            return sqrt(noise / TRELLIS_NOISE)
+        return float(np.interp(sqrt(noise), np.sqrt(found), self.edges)) / TRELLIS_ZERO
+
+    def power(self, step: float) -> float:
+        """By which power of the step the error grows."""
+        wider, error = self.noise(1.1 * step), self.noise(step)
+        return min(max(log(wider / error) / log(1.1), 0.5), 2.0) if wider > error > 0 else 1.0
+
+    def bits(self, step: float) -> float:
+        """About the bits with a step, in some unit."""
+        inner = np.diff(self.counts)
+        middle = np.sqrt(self.edges[1:] * np.maximum(self.edges[:-1], 1e-30))
+        return float((inner * np.log2(1 + middle / step)).sum())
 
 
 def furthest(y: Indices, stored: Indices, x: Doubles, calibration: Calibration) -> int:

@@ -4,11 +4,12 @@ The twins run if the environment has ``HAPFMT_PURE=1``, or if a C source is newe
 This module declares the types of the C functions. Each .c file has the functions of one codec or
 search, and names its twin. Those of codecs/ are lpcr, knots, knots_coded, huffman (QUAN), exact
 (LPCX), transform (MDCT), noise (NOIS) and levels (grids). Those of encoder/ are select, tube,
-sweep, links, quick, trellis and vectors.
+sweep, links, quick, lattice, trellis and vectors.
 That of split.py is sections.
 Shared headers: coder.h, integers.h, coded.h and flags.h implement SPEC 9.4, each on top of the one
 before.
-lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
+lpcr.h implements 9.5, components.h its packets, search.h its predictors, lines.h the counts
+between knots.
 """
 
 from __future__ import annotations
@@ -43,6 +44,28 @@ class CompiledLoop(Protocol):
         indices: Buffer,
         /,
     ) -> tuple[int, int]: ...
+
+
+class PacketDecode(Protocol):
+    """(packet, components, largest index, step, zero, magnitudes of a deadband's grid int64 or
+    none, least and largest count, sines int32 [128], counts int32 [components, ticks]) -> 0 where
+    it breaks a rule, 1 where all counts lie within the range, 2 where some were moved into it; the
+    last argument is filled."""
+
+    def __call__(
+        self,
+        packet: Buffer,
+        components: int,
+        limit: int,
+        step: int,
+        zero: int,
+        levels: Buffer,
+        low: int,
+        high: int,
+        sines: Buffer,
+        counts: Buffer,
+        /,
+    ) -> int: ...
 
 
 class FewestHold(Protocol):
@@ -249,8 +272,8 @@ class TransformEncode(Protocol):
 
 class Trellis(Protocol):
     """(targets int64 [blocks, coefficients], coefficients, classes, start, weight, magnitudes int64
-    [blocks, coefficients], counts int64 [2, 36, 16]) -> squared errors, and bits times the weight;
-    the last two are filled, the last one from zeros."""
+    [blocks, coefficients], counts int64 [2, 36, 16]) -> (squared errors, 256 times the
+    bits); the last two are filled, the last one from zeros."""
 
     def __call__(
         self,
@@ -262,12 +285,12 @@ class Trellis(Protocol):
         magnitudes: Buffer,
         counts: Buffer,
         /,
-    ) -> int: ...
+    ) -> tuple[int, int]: ...
 
 
 class EncodePacket(Protocol):
-    """(indices int64, sines int32 [128], limits float64 [127], highest order, one part of so many
-    is looked at, sums as bits, whether other orders are tried, packets written) -> the packet.
+    """(indices int64, sines int32 [128], limits float64 [127], highest order, parts of which
+    one is looked at, sums as bits, whether other orders are tried, packets written) -> the packet.
     ValueError where it cannot be coded. encoder/predict.py says more."""
 
     def __call__(
@@ -364,6 +387,8 @@ class Kernels(Protocol):
     @property
     def lpcr_decode(self) -> CompiledLoop: ...
     @property
+    def lpcr_packet(self) -> PacketDecode: ...
+    @property
     def lpcr_encode(self) -> CompiledLoop: ...
 
     def lpcr_errors(
@@ -399,6 +424,16 @@ class Kernels(Protocol):
     def exact_decode(self) -> CorrectionLoop: ...
     @property
     def exact_encode(self) -> CorrectionLoop: ...
+    def exact_packet(
+        self,
+        rest: Buffer,
+        parameters: Buffer,
+        calibrations: Buffer,
+        counts: Buffer,
+        values: Buffer,
+        /,
+    ) -> bool: ...
+
     @property
     def coded_knots_decode(self) -> CodedKnotsDecode: ...
     @property
@@ -418,6 +453,16 @@ class Kernels(Protocol):
     @property
     def noise_decode(self) -> NoiseDecode: ...
 
+    def nearest_within(
+        self, a: int, b: int, d: int, allowed: float, x: Buffer, counts: Buffer, /
+    ) -> tuple[int, float, bool]: ...
+
+    def common_divisor(
+        self, least: Buffer, most: Buffer, floor: float, /
+    ) -> tuple[float, float] | None: ...
+
+    def double_facts(self, x: Buffer, /) -> tuple[bool, bool, float, float, float]: ...
+
     def filter_sections(self, sections: Buffer, state: Buffer, x: Buffer, /) -> None: ...
 
     def clamp_counts(
@@ -427,6 +472,10 @@ class Kernels(Protocol):
     def find_cuts(
         self, indices: Buffer, sines: Buffer, limits: Buffer, starts: Buffer, /
     ) -> int: ...
+
+    def deflate(self, data: Buffer, /) -> bytes: ...
+
+    def piece_bits(self, numbers: Buffer, pieces: int, /) -> float: ...
 
     def polynomial_bits(self, indices: Buffer, /) -> float: ...
 

@@ -78,9 +78,8 @@ static int get_coefficients(decoder *d, const transform *t, neighbours *n, int *
     for (int k = 0; k < t->count; k++) {
         int h, c = context_by((8 * a1 + 4 * a2 + n->around[k]) >> 5, &h), quantiser = s & 1;
         const class_table *table = tables[quantiser];
-        int symbol = find(table->ends[c], d->x[0]);
+        int symbol = get_one(d->x, table, c, &d->next);
         uint64_t u;
-        d->x[0] = advance(d->x[0], table->shares[c][symbol], &d->next);
         if (RARE(symbol == ESCAPE)) {
             uint64_t word = raw_word(d->end, d->raw);
             int length = (int)(word & 63);
@@ -128,13 +127,13 @@ typedef void tile_loop(const double *waves, const block *b, int64_t *v);
 
 static void tile(const double *waves, const block *b, int64_t *v) { tile_as(waves, b, v); }
 
-#if defined(__GNUC__) && defined(__x86_64__) && !defined(HAPFMT_PLAIN)
-__attribute__((target("avx2"))) static void wide_tile(const double *waves, const block *b, int64_t *v)
+#ifdef WIDE
+WIDE static void wide_tile(const double *waves, const block *b, int64_t *v)
 {
     tile_as(waves, b, v);
 }
 
-static tile_loop *best_tile(void) { return __builtin_cpu_supports("avx2") ? wide_tile : tile; }
+static tile_loop *best_tile(void) { return wide() ? wide_tile : tile; }
 #else
 static tile_loop *best_tile(void) { return tile; }
 #endif

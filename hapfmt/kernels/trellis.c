@@ -18,7 +18,7 @@ static int all_below(const int64_t *numbers, Py_ssize_t count, int bits, int neg
 }
 
 /* (targets int64 [blocks, count], count, classes, start, weight, magnitudes int64 [blocks, count],
-   counts int64 [2, 36, 16]) -> squared errors, and bits times the weight */
+   counts int64 [2, 36, 16]) -> (squared errors, 256 times the bits) */
 static PyObject *mdct_trellis(PyObject *self, PyObject *args)
 {
     (void)self;
@@ -30,7 +30,7 @@ static PyObject *mdct_trellis(PyObject *self, PyObject *args)
     PyObject *result = NULL;
     neighbours n;
     column *columns = NULL;
-    int64_t total = 0;
+    spent total = {0, 0};
     if (!valid_coding(count, classes, start, &targets) || !whole(&magnitudes, 8) || !whole(&seen, 8) ||
         magnitudes.len != targets.len || seen.len != 8 * CODES || weight < 0 || weight > WEIGHT_MOST ||
         !all_below(targets.buf, targets.len / 8, TARGET_BITS, 0))
@@ -45,7 +45,7 @@ static PyObject *mdct_trellis(PyObject *self, PyObject *args)
                                 magnitudes.buf, seen.buf);
         }
         Py_END_ALLOW_THREADS
-        if (columns) result = PyLong_FromLongLong(total);
+        if (columns) result = Py_BuildValue("LL", (long long)total.errors, (long long)total.bits);
         else PyErr_NoMemory();
         free(columns);
     }

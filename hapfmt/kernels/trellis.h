@@ -19,61 +19,111 @@ INLINE int rest_bits(int64_t u, uint64_t w, int k, int h)
 
 typedef struct { int64_t cost, a1, a2; } survivor;
 
-/* Where a way came from, and its magnitude. */
-typedef struct { int32_t from[STATES]; int64_t u[STATES]; } column;
+/* Where a way came from, which is its state or that four further, and its magnitude. */
+typedef struct { uint8_t from[STATES]; int64_t u[STATES]; } column;
 
-INLINE void try_one(const survivor *way, int s, int64_t target, int64_t u, const uint16_t *costs, int h,
-                    int64_t weight, survivor *after, column *at)
+/* A magnitude worth trying: its squared error, and what it takes where contexts do not scale it. */
+typedef struct { int64_t u, error, taken; int symbol; } option;
+
+static const int64_t NEVER = (int64_t)1 << 60;
+
+INLINE option option_of(int64_t target, int64_t u, int quantiser, int64_t weight)
 {
-    int quantiser = s & 1, to = next_state[s][u & 1];
     int64_t level = 2 * u - quantiser, error = target - SCALED_STEP * (level > 0 ? level : 0);
-    uint64_t w = (uint64_t)u >> h;
-    int k = magnitude_symbol(w);
-    int64_t cost = way->cost + error * error + weight * (costs[k] + 256 * rest_bits(u, w, k, h));
-    if (after[to].cost >= 0 && cost >= after[to].cost) return;
-    after[to].cost = cost;
-    after[to].a1 = 256 * u;
-    after[to].a2 = way->a1;
-    at->from[to] = s;
-    at->u[to] = u;
+    option o = {u, error * error, 0, magnitude_symbol((uint64_t)u)};
+    o.taken = o.error + weight * 256 * rest_bits(u, (uint64_t)u, o.symbol, 0);
+    return o;
 }
 
-/* Magnitudes of a block that begins in a state. */
+INLINE int64_t cost_of_option(const option *o, const uint16_t *costs, int h, int64_t weight)
+{
+    uint64_t w = (uint64_t)o->u >> h;
+    int k;
+    if (!RARE(h)) return o->taken + weight * costs[o->symbol];
+    k = magnitude_symbol(w);
+    return o->error + weight * (costs[k] + 256 * rest_bits(o->u, w, k, h));
+}
+
+/* The options of a quantiser, by parity: one or two of each. */
+typedef struct { option of[2][2]; int some[2]; } choice;
+
+static void choose(int64_t target, int quantiser, int64_t weight, choice *c)
+{
+    int64_t low = (target + SCALED_STEP * quantiser) / (2 * SCALED_STEP);
+    int even = low & 1;
+    c->of[even][0] = option_of(target, low, quantiser, weight);
+    c->of[!even][0] = option_of(target, low + 1, quantiser, weight);
+    c->some[0] = c->some[1] = 1;
+    if (low > 0) c->of[!even][c->some[!even]++] = option_of(target, low - 1, quantiser, weight);
+    if (low == 2) c->of[even][c->some[even]++] = option_of(target, 0, quantiser, weight);
+}
+
+typedef struct { int64_t cost, u; } step;
+
+INLINE step best_option(const choice *c, int odd, const uint16_t *costs, int h, int64_t weight)
+{
+    const option *o = c->of[odd];
+    step best = {cost_of_option(o, costs, h, weight), o->u};
+    if (c->some[odd] > 1) {
+        int64_t other = cost_of_option(o + 1, costs, h, weight);
+        if (other < best.cost) {
+            best.cost = other;
+            best.u = o[1].u;
+        }
+    }
+    return best;
+}
+
+/* Magnitudes of a block that begins in a state. States s and s + 4 lead to the same two. */
 static void quantise_block(const neighbours *n, const class_table *const *tables, const int64_t *row,
                            int state, int64_t weight, column *columns, int64_t *out)
 {
     survivor ways[STATES], after[STATES];
-    int best = -1, count = n->count;
-    for (int s = 0; s < STATES; s++) ways[s].cost = -1;
-    ways[state].cost = 0;
-    ways[state].a1 = ways[state].a2 = n->mean[0];
+    int best = 0, count = n->count;
+    for (int s = 0; s < STATES; s++) {
+        ways[s].cost = s == state ? 0 : NEVER;
+        ways[s].a1 = ways[s].a2 = n->mean[0];
+    }
     for (int k = 0; k < count; k++) {
-        for (int s = 0; s < STATES; s++) after[s].cost = -1;
+        choice choices[2];
+        step steps[STATES][2];
+        for (int q = 0; q < 2; q++) choose(row[k], q, weight, choices + q);
         for (int s = 0; s < STATES; s++) {
-            const survivor *way = ways + s;
-            if (way->cost < 0) continue;
-            int h, c = context_by((8 * way->a1 + 4 * way->a2 + n->around[k]) >> 5, &h);
+            int h, c = context_by((8 * ways[s].a1 + 4 * ways[s].a2 + n->around[k]) >> 5, &h);
             const uint16_t *costs = tables[s & 1]->costs[c];
-            int64_t low = (row[k] + SCALED_STEP * (s & 1)) / (2 * SCALED_STEP);
-            try_one(way, s, row[k], low, costs, h, weight, after, columns + k);
-            try_one(way, s, row[k], low + 1, costs, h, weight, after, columns + k);
-            if (low > 0) try_one(way, s, row[k], low - 1, costs, h, weight, after, columns + k);
-            if (low == 2) try_one(way, s, row[k], 0, costs, h, weight, after, columns + k);
+            for (int odd = 0; odd < 2; odd++) {
+                steps[s][odd] = best_option(choices + (s & 1), odd, costs, h, weight);
+                steps[s][odd].cost += ways[s].cost;
+            }
         }
+        for (int s = 0; s < STATES / 2; s++)
+            for (int odd = 0; odd < 2; odd++) {
+                const step *one = &steps[s][odd], *two = &steps[s + 4][!odd];
+                int to = next_state[s][odd], second = two->cost < one->cost, from = s + 4 * second;
+                const step *taken = second ? two : one;
+                after[to].cost = taken->cost;
+                after[to].a1 = 256 * taken->u;
+                after[to].a2 = ways[from].a1;
+                columns[k].from[to] = (uint8_t)from;
+                columns[k].u[to] = taken->u;
+            }
         memcpy(ways, after, sizeof ways);
     }
-    for (int s = 0; s < STATES; s++)
-        if (ways[s].cost >= 0 && (best < 0 || ways[s].cost < ways[best].cost)) best = s;
+    for (int s = 1; s < STATES; s++)
+        if (ways[s].cost < ways[best].cost) best = s;
     for (int k = count - 1; k >= 0; k--) {
         out[k] = columns[k].u[best];
         best = columns[k].from[best];
     }
 }
 
+/* Squared errors, and 256 times the bits. */
+typedef struct { int64_t errors, bits; } spent;
+
 /* What the decoder does with the magnitudes of a block: counts their symbols, adds up what they cost, and
    returns the state. */
 static int follow(neighbours *n, const class_table *const *tables, const int64_t *targets, const int64_t *out,
-                  int state, int64_t weight, int64_t *seen, int64_t *total)
+                  int state, int64_t *seen, spent *total)
 {
     int64_t a1 = n->mean[0], a2 = a1, *before = n->before + 1;
     for (int k = 0; k < n->count; k++) {
@@ -82,8 +132,8 @@ static int follow(neighbours *n, const class_table *const *tables, const int64_t
         uint64_t w = (uint64_t)out[k] >> h;
         int symbol = magnitude_symbol(w);
         seen[(quantiser * CONTEXTS + c) * SYMBOLS + symbol]++;
-        *total += error * error +
-                  weight * (tables[quantiser]->costs[c][symbol] + 256 * rest_bits(out[k], w, symbol, h));
+        total->errors += error * error;
+        total->bits += tables[quantiser]->costs[c][symbol] + 256 * rest_bits(out[k], w, symbol, h);
         state = next_state[state][out[k] & 1];
         a2 = a1;
         a1 = before[k] = 256 * out[k];
@@ -92,12 +142,11 @@ static int follow(neighbours *n, const class_table *const *tables, const int64_t
     return state;
 }
 
-/* Returns the squared errors, and the bits times the weight. */
-static int64_t run_trellis(neighbours *n, const class_table *const *tables, const int64_t *targets,
-                           int64_t blocks, int64_t weight, column *columns, int64_t *out, int64_t *seen)
+static spent run_trellis(neighbours *n, const class_table *const *tables, const int64_t *targets,
+                         int64_t blocks, int64_t weight, column *columns, int64_t *out, int64_t *seen)
 {
     int state = 0;
-    int64_t total = 0;
+    spent total = {0, 0};
     for (int64_t b = 0; b < blocks; b++, targets += n->count, out += n->count) {
         int64_t most = 0;
         look_around(n);
@@ -105,7 +154,7 @@ static int64_t run_trellis(neighbours *n, const class_table *const *tables, cons
             if (targets[k] > most) most = targets[k];
         if (most < SCALED_STEP / 2) memset(out, 0, (size_t)n->count * sizeof *out);
         else quantise_block(n, tables, targets, state, weight, columns, out);
-        state = follow(n, tables, targets, out, state, weight, seen, &total);
+        state = follow(n, tables, targets, out, state, seen, &total);
     }
     return total;
 }

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, BinaryIO
 
@@ -30,6 +30,7 @@ from ..limits import Limits
 from ..numbers import counted
 from ..numbers import exact as exact_number
 from ..recording import Event, Recording, observed_between, refuse_past_end
+from ..spool import MEMORY, Memory
 from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
 from .damage import DamageReport, LostSpan, damaged_areas, lost_within
@@ -309,6 +310,7 @@ class Reader(Closing):
         exact: bool = True,
         clocks: bool = True,
         progress: Callable[[int, int], None] | None = None,
+        store: Memory = MEMORY,
     ) -> Recording:
         """The recording, or some of its channels, seconds [start, stop) and one band of it.
 
@@ -318,7 +320,8 @@ class Reader(Closing):
         The clocks of a track refer to the first of the chosen channels that it holds. A part in
         time has the observations at start <= time < stop; ticks and maps stay as they are.
         ``clocks=False`` leaves clocks out. They may be anywhere in the file, so a part of a remote
-        file then needs fewer requests.
+        file then needs fewer requests. A :class:`hapfmt.spool.Spool` as ``store`` keeps the samples
+        on the disk.
         """
         if band not in BANDS:
             raise ParameterError(f"band is one of {', '.join(BANDS)}")
@@ -326,7 +329,9 @@ class Reader(Closing):
             self.scan()
         catalogue = self.catalogue
         chosen = self.select(channels)
-        assembly = self.assembly(chosen, start, stop, band=band, exact=exact, progress=progress)
+        assembly = self.assembly(
+            chosen, start, stop, band=band, exact=exact, progress=progress, store=store
+        )
         events = assembly.events()
         if start is not None and self._layers:
             lost = self.lost
@@ -336,8 +341,9 @@ class Reader(Closing):
         if self.catalogue is not catalogue:
             # The index was false: other channels may be there.
             return self.read(
-                channels, start, stop, band=band, exact=exact, clocks=clocks, progress=progress
-            )
+                channels, start, stop, band=band, exact=exact, clocks=clocks, progress=progress,
+                store=store,
+            )  # fmt: skip
         head = self.catalogue.head
         own: dict[int | str | None, int] = {}
         for place, ref in enumerate(chosen):
@@ -368,10 +374,11 @@ class Reader(Closing):
         band: Band = "full",
         exact: bool = True,
         progress: Callable[[int, int], None] | None = None,
+        store: Memory = MEMORY,
     ) -> Assembly:
         """The decoded parts of some channels, before they are put together."""
         wanted = wanted_tracks(chosen, band)
-        decoded = {track.id: Decoded(track) for track in wanted}
+        decoded = {track.id: Decoded(track, store) for track in wanted}
         samples = 0
         assembly = Assembly(decoded, band)
         digests = None
@@ -478,13 +485,20 @@ class Reader(Closing):
         # that breaks a rule is treated.
         threads = 1
         if not (self.catalogue.damaged or self.catalogue.indexed):
-            seconds = self.catalogue.duration
-            samples = sum(int(seconds * t.rate) * len(t.components) for t in tracks if t.channels)
-            threads = thread_count(self.threads, samples)
+            seconds = float(self.catalogue.duration)
+            samples = [
+                seconds * t.rate.numerator / t.rate.denominator * len(t.components)
+                for t in tracks
+                if t.channels
+            ]
+            threads = thread_count(self.threads, int(sum(samples)))
         known = {id_: decoder.track for id_, decoder in decoders.items()}
         found = self.packets(ranges, start, stop, progress)
         packets = (packet for packet in found if packet.track in known)
-        jobs = batches(packets, known, self.limits, BATCH if threads > 1 else 1)
+        if threads == 1:
+            yield from self.one_by_one(decoder, packets, known)
+            return
+        jobs = batches(packets, known, self.limits, BATCH)
         for batch, pieces in in_order(
             lambda job: (job, decode(job)), jobs, threads, lambda job: job.weight / IN_FLIGHT
         ):
@@ -496,6 +510,26 @@ class Reader(Closing):
                     raise piece
                 # In a damaged file a broken rule is part of the damage (SPEC clause 14).
                 self.lose_packet(packet, piece)
+
+    def one_by_one(
+        self, decoder: PieceDecoder, packets: Iterable[Packet], tracks: Mapping[int, Track]
+    ) -> Iterator[DecodedPiece]:
+        """As :meth:`pieces`, in the thread of the caller."""
+        work = 0
+        for packet in packets:
+            samples = tracks[packet.track].weight(packet.span, len(packet.data))
+            work += samples
+            self.limits.check("packet_samples", samples)
+            self.limits.check("work_samples", work)
+            try:
+                piece = decoder.decode(packet)
+            except FormatError as error:
+                if not self.catalogue.damaged:
+                    raise
+                # In a damaged file a broken rule is part of the damage (SPEC clause 14).
+                self.lose_packet(packet, error)
+                continue
+            yield piece
 
     def packets(
         self,
@@ -579,7 +613,7 @@ class Reader(Closing):
 
 
 def read(
-    file: str | os.PathLike[str] | bytes | BinaryIO,
+    file: str | os.PathLike[str] | bytes | BinaryIO | ByteSource,
     channels: Sequence[str | int] | str | int | None = None,
     start: Seconds | None = None,
     stop: Seconds | None = None,
