@@ -51,7 +51,7 @@ from .knots import Coded
 from .lattice import Lattice, LatticeSearch, sparse
 from .lengths import Load, PacketLengths, load_of
 from .plan import Promise, check_error, promises_of, range_of, vector_promise
-from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
+from .references import Links, encode_run, find_runs, same_ticks, step_of
 from .settings import Settings, Tolerance
 from .source import InputBlock, cut, group_units, side_by_side
 from .texture import encode_textured
