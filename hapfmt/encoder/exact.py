@@ -81,8 +81,9 @@ SURE, ROUNDED = 0.02, 0.4
 """Bits of a correction of one distinct value: a rule that leaves fewer is that of the logger. One
 that leaves more may be followed by a polynomial, or by decimals."""
 
-GAINS, GAINED = 8, 2048
-"""Gains that are tried on either side of the step, in ulp; and samples that an offset must suit."""
+GAINS, ULPS, FIRST_OFFSETS, GAINED = 64, 16, 8, 2048
+"""Gains that are tried on either side of the step at most; it is known by 16 ulp of the values. One
+of 8 values rules most of them out. Samples that an offset must suit."""
 
 SHIFTED, OFFSETS, OFFSET_UNIT, OFFSET_NEAR = 4096, 3, 1e-7, 1e-5
 """Most steps of an offset; how many offsets are tried, those with seven decimals: an offset is
@@ -267,11 +268,11 @@ def natural_candidate(
         # Counts are sorted as u is.
         first = np.flatnonzero(np.diff(lattice.counts, prepend=lattice.counts[0] - 1))
         near = Values(lattice.calibration, lattice.counts[first], u[first])
-        if len(known) == 1:
+        for rule in rules:
+            found = better(found, Candidate(near.calibration, near.counts, rule, ""), near)
+        if len(known) == 1 and not (found and found.bits < SURE * near.counts.size):
             for way in gained_ways(near, search.values):
                 found = better(found, way, near)
-        for rule in rules if not found or found.bits > found.way.described else ():
-            found = better(found, Candidate(near.calibration, near.counts, rule, ""), near)
         if found and found.bits < SURE * near.counts.size + found.way.described:
             break
     if not found:
@@ -324,10 +325,17 @@ def gained_ways(near: Values, x: Doubles) -> Iterator[Candidate]:
     shifts = np.arange(-SHIFTED, SHIFTED + 1)
     units = (base - shifts * step) / OFFSET_UNIT
     likely = shifts[np.abs(units - np.rint(units)) < OFFSET_NEAR].tolist()
-    gains: Doubles = step + np.arange(-GAINS, GAINS + 1.0) * float(np.spacing(abs(step)))
+    largest, extent = float(np.abs(near.doubles).max()), int(np.ptp(near.counts)) or 1
+    unit = float(np.spacing(abs(step)))
+    reach = np.ceil(ULPS * float(np.spacing(largest)) / extent / unit)
+    reach = float(min(max(reach, ULPS), GAINS))
+    gains: Doubles = step + np.arange(-reach, reach + 1) * unit
     more = np.ascontiguousarray(x[:: -(-x.size // GAINED)])
     for shift in sorted(likely, key=abs)[:OFFSETS]:
-        few, low, high = offsets_of(near.counts + shift, near.doubles, gains)
+        few = gains
+        for stride in (FIRST_OFFSETS, 1):
+            part = slice(None, None, stride)
+            few, low, high = offsets_of(near.counts[part] + shift, near.doubles[part], few)
         if few.size:
             counts = nearest_within(more, calibration, inf)[0] + np.int64(shift)
             few, low, high = offsets_of(counts, more, few)
