@@ -293,9 +293,12 @@ def channel_of(
 ) -> Channel:
     """A channel of a 1-D array: integers of up to 32 bits become counts; NaN and masked values are
     gaps. ``ticks`` are the ticks of the values, by default 0, 1, 2 ..."""
-    x, known = known_samples(np.ma.getdata(x), np.ma.getmaskarray(x))
-    spans = tuple(spans_of(known)) if ticks is None else spans_at(ticks[known])
-    kept = np.ascontiguousarray(x[known])
+    if ticks is None and type(x) is np.ndarray and x.dtype.kind in "biu":
+        kept, spans = np.ascontiguousarray(x), (Span(0, x.size),) * bool(x.size)
+    else:
+        x, known = known_samples(np.ma.getdata(x), np.ma.getmaskarray(x))
+        spans = tuple(spans_of(known)) if ticks is None else spans_at(ticks[known])
+        kept = np.ascontiguousarray(x[known])
     if (kept.dtype.kind in "bi" and kept.dtype.itemsize <= 4) or kept.dtype in ("u1", "u2"):
         counts = kept.astype(np.int32)
         return Channel(counts, rate, spans, Calibration(), **described)

@@ -101,27 +101,34 @@ class GrowingArray:
     def __init__(self, store: Memory = MEMORY) -> None:
         self.store = store
         self.parts: list[NDArray[np.uint8]] = []
-        self.room = bytearray()
-        self.like: NDArray[Any] | None = None
+        self.room: bytearray | None = None
+        self.first: NDArray[Any] | None = None
+        """All rows, where they come in one piece."""
 
     def append(self, rows: NDArray[Any]) -> None:
         """rows [ticks, ...], of one dtype and width throughout."""
-        if self.like is None:
-            self.like = rows[:0].copy()
+        if self.first is None:
+            self.first = rows
+            return
+        if self.room is None:
+            self.room = bytearray(np.ascontiguousarray(self.first).data.cast("B"))
+            self.first = self.first[:0].copy()
         self.room += np.ascontiguousarray(rows).data.cast("B")
         if self.store.on_disk and len(self.room) >= TOGETHER:
-            self.store_part()
+            self.store_part(self.room)
 
-    def store_part(self) -> None:
-        self.parts.append(self.store.kept(np.frombuffer(self.room, np.uint8)))
+    def store_part(self, room: bytearray) -> None:
+        self.parts.append(self.store.kept(np.frombuffer(room, np.uint8)))
         self.room = bytearray()
 
     def joined(self) -> NDArray[Any] | None:
         """All rows; None where there were none. Nothing is appended after that."""
-        if self.like is None:
-            return None
-        if len(self.parts) > 1 or (self.parts and self.room):
-            self.store_part()
+        if self.room is None or self.first is None:
+            first = self.first
+            return first if first is None or first.flags.writeable else first.copy()
+        if self.parts and self.room:
+            self.store_part(self.room)
+        if len(self.parts) > 1:
             whole, at = self.store.empty(sum(map(len, self.parts)), np.uint8), 0
             for part in self.parts:
                 whole[at : at + len(part)] = part
@@ -129,7 +136,7 @@ class GrowingArray:
                 release()
             self.parts = [whole]
         held = self.parts[0] if self.parts else self.room
-        return np.frombuffer(held, self.like.dtype).reshape(-1, *self.like.shape[1:])
+        return np.frombuffer(held, self.first.dtype).reshape(-1, *self.first.shape[1:])
 
 
 def mapped(size: int) -> mmap.mmap:

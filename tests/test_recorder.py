@@ -783,7 +783,7 @@ def test_memory_stays_that_of_a_few_clusters(tmp_path):
         peaks = []
         for _ in range(3):
             tracemalloc.start()
-            for _ in range(150):
+            for _ in range(50):
                 recorder.write_rows(rows)
             recorder.flush()
             peaks.append(tracemalloc.get_traced_memory())

@@ -156,11 +156,13 @@ def test_the_page_lists_every_program():
     [
         (["scenes.py", "--keys"], "| `travel_s` |"),
         (["load.py", "--seconds", "1", "--channels", "2"], "lossless"),
-        (["load.py", "--seconds", "1", "--channels", "2", "--preset", "perceptual"], "perceptual"),
-        pytest.param(
-            ["load.py", "--seconds", "1", "--channels", "2", "--preset", "near-lossless"],
-            "near-lossless",
-            marks=pytest.mark.deep,
+        *(
+            pytest.param(
+                ["load.py", "--seconds", "1", "--channels", "2", "--preset", preset],
+                preset,
+                marks=pytest.mark.deep,
+            )
+            for preset in ("perceptual", "near-lossless")
         ),
         pytest.param(["texture_rates.py", "--quick"], "simulated sand", marks=pytest.mark.deep),
         (["messages.py", "--quick"], "| wrench and joints, 27 channels |"),

@@ -377,7 +377,9 @@ def decode_counts(
     counts, moved = decode_moved(coded, UNIT_GRID, span, count, level, at, low, high)
     if moved:
         raise FormatError(
-            "a lossless count outside the declared range", requirement="EXA-003", offset=offset
+            "a count with exact values outside the declared range",
+            requirement="EXA-003",
+            offset=offset,
         )
     return counts
 

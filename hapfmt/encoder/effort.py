@@ -46,7 +46,7 @@ class Effort:
     """Estimates look at each sample, not at one in three."""
 
     other_orders: bool = False
-    """Of the best sums, other orders are tried as well."""
+    """The best sums are tried with other orders as well."""
 
     written: int = 1
     """Packets that are written, for the smallest to stay."""
@@ -64,7 +64,7 @@ class Effort:
 
     @property
     def stride(self) -> int:
-        """One part of so many is looked at."""
+        """Estimates look at one part of as many as this."""
         return 1 if self.every_sample else 3
 
     @property

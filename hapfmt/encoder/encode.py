@@ -162,8 +162,6 @@ class PlacedUnit:
     unit: Unit
     first: int
     members: list[Gridded]
-    apart: tuple[PlacedUnit, ...] = ()
-    """The channels of a track with references, each alone."""
     tracks: tuple[PlacedUnit, ...] = ()
     """Where these are several tracks, whose channels lie among each other: what each became."""
     numbers: tuple[int, ...] = ()
@@ -250,7 +248,6 @@ def encode(
             lambda db: encoding.finish(encoding.at_quality(db)),
             size_of,
             settings.bitrate * 1000 / 8 * float(recording.duration),
-            sum(part.members[0].channel.stored.size for part in encoding.textures),
         )
     )
 
@@ -433,7 +430,7 @@ def encode_parts(
     def code(run: tuple[tuple[list[Channel], Links], int]) -> list[PlacedUnit]:
         (members, links), at = run
         rows = [
-            replace(each, channel=channel)
+            each if each.channel is channel else replace(each, channel=channel)
             for each, channel in zip(prepared[at : at + len(members)], members, strict=True)
         ]
         return list(encode_members(rows, links, first + at, job))
@@ -485,27 +482,22 @@ def as_recorded(channel: Channel) -> Channel:
 def encode_members(
     members: list[Gridded], links: Links, first: int, job: EncodeJob
 ) -> Iterator[PlacedUnit]:
-    """Units and their channels: together, or apart where links do not make them smaller."""
+    """Units and their channels: together where they are linked."""
     if not links:
         yield PlacedUnit(encode_unit(members, first, job), first, members)
         return
-    apart = [
-        PlacedUnit(encode_unit([each], first + place, job), first + place, [each])
-        for place, each in enumerate(members)
-    ]
-    units = [part.unit for part in apart]
     channels = [each.channel for each in members]
     error = error_of(channels[0], members[0].promise)
     # Half of the components: packets of LPCR take less than five bytes a sample.
     half = (len(channels) + 1) // 2
     spans = job.spans(channels, range(first, first + len(channels)), half)
-    joint = encode_run(channels, first, error, spans, links, units)
-    if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in units):
+    joint = encode_run(channels, first, error, spans, links, job.settings.searches)
+    if joint:
         joint.channels = tuple(channels)
-        joint.least = sum(unit.least for unit in units)
-        yield PlacedUnit(joint, first, members, tuple(apart))
-    else:
-        yield from apart
+        yield PlacedUnit(joint, first, members)
+        return
+    for place, each in enumerate(members):
+        yield PlacedUnit(encode_unit([each], first + place, job), first + place, [each])
 
 
 def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUnit]:
@@ -654,14 +646,11 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
         at = max(stop, at + 1)
     asked = [each.promise for part in parts for each in part.members]
     rivals = [in_place(part, asked) for part in rivals]
-    # A track with references may not displace channels that are smaller alone.
-    alone = [in_place(each, asked) for part in rivals for each in part.apart or (part,)]
-    apart = list(smaller(parts, alone))
-    mixed = list(smaller(apart, rivals))
+    mixed = list(smaller(parts, rivals))
     if not small or not all(doubtful):
         return [mixed]
     choices: dict[tuple[int, ...], list[PlacedUnit]] = {}
-    for each in (rivals, alone, mixed, apart):
+    for each in (rivals, mixed):
         choices.setdefault(tuple(id(part.unit.base) for part in each), each)
     near = min(map(total_cost, choices.values())) + METADATA + UNSURE * len(job.originals)
     return [each for each in choices.values() if total_cost(each) <= near]
@@ -885,14 +874,19 @@ def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:
     tracks: list[Track] = []
     packets: list[Packet] = []
     for id_, (coded, base) in enumerate(numbered):
-        tracks.append(replace(coded.track, id=id_, base=base))
-        packets += [replace(packet, track=id_) for packet in join_constant(coded)]
+        tracks.append(coded.track.numbered(id_, base))
+        packets += [
+            Packet(id_, packet.start, packet.span, packet.data) for packet in join_constant(coded)
+        ]
     return tracks, packets
 
 
 def join_constant(coded: Coded) -> Iterator[Packet]:
     """Neighbours that are the same constant as one packet, so that silence costs next to nothing:
     a packet alone takes ten bytes of a cluster's table."""
+    if len(coded.packets) < 2:
+        yield from coded.packets
+        return
     runs: list[list[Packet]] = []
     limit = JOINED_TICKS // len(coded.track.components)
     for packet in coded.packets:

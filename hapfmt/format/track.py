@@ -115,6 +115,12 @@ class Track:
     offset: int = 0
     """Offset of the TRAK payload in the file."""
 
+    def numbered(self, id_: int, base: int | None) -> Track:
+        """The same with this id, and that of its base: dataclasses.replace() takes longer."""
+        track = object.__new__(Track)
+        vars(track).update(vars(self), id=id_, base=base)
+        return track
+
     @property
     def channels(self) -> Sequence[int]:
         if self.kind == "events":
@@ -477,6 +483,7 @@ STRINGS = {
     BODY_SITE: "body_site",
     DEVICE: "device",
 }
+UNDESCRIBED = {name: getattr(Component, name) for name in STRINGS.values()}
 INHERITED = frozenset(STRINGS) | {CALIBRATIONS, DEVIATIONS}
 KNOWN = INHERITED | {PARAMETERS, CHANNELS, CONTRACT, PROVENANCE}
 CHUNK_SIZE = 1 << 16
@@ -548,9 +555,10 @@ def build_track(track: Track) -> bytes:
             values[CALIBRATIONS] = b"".join(
                 build_svarint(a) + build_svarint(b) + build_varint(d) for a, b, d in calibrations
             )
+        described = [vars(component) for component in track.components]
         for type_, name in STRINGS.items():
-            items = [getattr(component, name) for component in track.components]
-            if any(item != getattr(Component, name) for item in items):
+            items = [each[name] for each in described]
+            if items.count(UNDESCRIBED[name]) < len(items):
                 values[type_] = build_strings(items)
         deviations = share([component.deviation for component in track.components])
         if any(deviations):
@@ -710,7 +718,9 @@ def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) ->
     except FormatError:
         if unsupported is None:
             raise
-    return Track(
+    # Each attribute of a frozen dataclass costs a call where its constructor sets it.
+    track = object.__new__(Track)
+    track.__dict__.update(
         id=id_,
         kind=kind,
         codec=raw.codec.decode("latin-1"),
@@ -727,9 +737,12 @@ def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) ->
         provenance=described.provenance,
         further=further_of(raw, tlvs, kind, at, supported=unsupported is None),
         unsupported=unsupported,
-        unknown=tuple((type_, value) for type_, (_, value) in tlvs.items() if type_ not in KNOWN),
+        unknown=tuple(
+            [(type_, value) for type_, (_, value) in tlvs.items() if type_ not in KNOWN]
+        ),
         offset=offset,
     )
+    return track
 
 
 def further_of(

@@ -289,8 +289,8 @@ class Trellis(Protocol):
 
 
 class EncodePacket(Protocol):
-    """(indices int64, sines int32 [128], limits float64 [127], highest order, one part of so many
-    is looked at, sums as bits, whether other orders are tried, packets written) -> the packet.
+    """(indices int64, sines int32 [128], limits float64 [127], highest order, parts of which
+    one is looked at, sums as bits, whether other orders are tried, packets written) -> the packet.
     ValueError where it cannot be coded. encoder/predict.py says more."""
 
     def __call__(
@@ -305,6 +305,46 @@ class EncodePacket(Protocol):
         written: int,
         /,
     ) -> bytes: ...
+
+
+class FindLinks(Protocol):
+    """(rows int64 [count, samples], torn uint8 [samples], sines int32 [128], limits float64 [127],
+    least score, factor, found int64 [count, 9], energies float64 [count, 2], totals int64 [count])
+    -> samples used; the last three are filled. encoder/references.py says more."""
+
+    def __call__(
+        self,
+        rows: Buffer,
+        torn: Buffer,
+        sines: Buffer,
+        limits: Buffer,
+        enough: float,
+        factor: float,
+        found: Buffer,
+        energies: Buffer,
+        totals: Buffer,
+        /,
+    ) -> int: ...
+
+
+class Refer(Protocol):
+    """(rows int64 [any, samples], target, sources bytes, sines int32 [128], limits float64 [127],
+    reflections int8 [32], weights int8 [sources, 3], cross int64 [samples]) -> (order, 256 times
+    the bits without sources, and with them, samples that these are of); the last three are
+    filled."""
+
+    def __call__(
+        self,
+        rows: Buffer,
+        target: int,
+        sources: bytes,
+        sines: Buffer,
+        limits: Buffer,
+        reflections: Buffer,
+        weights: Buffer,
+        cross: Buffer,
+        /,
+    ) -> tuple[int, int, int, int]: ...
 
 
 class BuildVarints(Protocol):
@@ -407,6 +447,10 @@ class Kernels(Protocol):
     @property
     def encode_packet(self) -> EncodePacket: ...
     @property
+    def find_links(self) -> FindLinks: ...
+    @property
+    def refer(self) -> Refer: ...
+    @property
     def noise_decode(self) -> NoiseDecode: ...
 
     def nearest_within(
@@ -428,6 +472,10 @@ class Kernels(Protocol):
     def find_cuts(
         self, indices: Buffer, sines: Buffer, limits: Buffer, starts: Buffer, /
     ) -> int: ...
+
+    def deflate(self, data: Buffer, /) -> bytes: ...
+
+    def piece_bits(self, numbers: Buffer, pieces: int, /) -> float: ...
 
     def polynomial_bits(self, indices: Buffer, /) -> float: ...
 

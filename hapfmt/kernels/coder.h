@@ -16,7 +16,7 @@
 #define VECTORS 1
 #endif
 
-/* WIDE: of functions with vectors of four doubles, where wide() says that the processor has them. */
+/* WIDE: of functions with vectors of 256 bits, where wide() says that the processor has them. */
 #if defined(__GNUC__) && defined(__x86_64__) && !defined(HAPFMT_PLAIN)
 #define WIDE __attribute__((target("avx2")))
 static inline int wide(void) { return __builtin_cpu_supports("avx2"); }

@@ -8,6 +8,7 @@
 class_table hapfmt_classes[CLASSES];
 uint16_t hapfmt_costs[SCALE];
 models hapfmt_models;
+flag_tables hapfmt_flags;
 
 /* Rows of SPEC 9.4: shape, scale, zeros, half. */
 static const int8_t rows[CLASSES][4] = {
@@ -260,6 +261,7 @@ void hapfmt_lpcr_prepare(void)
     for (int i = 1; i < SCALE; i++)
         hapfmt_costs[i] = (uint16_t)floor(256 * log2((double)SCALE / i) + 0.5);
     models_prepare(&hapfmt_models);
+    flag_tables_prepare(&hapfmt_flags);
     for (int i = 0; i < CLASSES; i++)
         for (int c = 0; c < CONTEXTS; c++) build_context(rows[i], c, hapfmt_classes + i);
 }
