@@ -36,7 +36,7 @@ SHOWN = 600
 PACKETS = 4096
 """More packets than this hold too many knots to show."""
 CODED = 5000
-"""A packet of more coded knots is not decoded to show a few of them."""
+"""A packet of as many coded knots is not decoded to show a few of them."""
 
 
 def knots_within(
@@ -58,7 +58,9 @@ def knots_within(
     try:
         for number, packet in enumerate(reader.packets(ranges, start, stop)):
             first, last = ranges[packet.track]
-            ticks = ticks_of(packet, tracks[packet.track], reader)
+            inside = first <= packet.start and packet.start + packet.span <= last
+            most = SHOWN - total if inside else CODED
+            ticks = ticks_of(packet, tracks[packet.track], reader, most)
             if ticks is None or number >= PACKETS:
                 return None
             ticks = ticks[(ticks >= first) & (ticks < last)]
@@ -71,7 +73,8 @@ def knots_within(
     return np.unique(np.concatenate(found))
 
 
-def ticks_of(packet: Packet, track: Track, reader: Reader) -> NDArray[np.int64] | None:
+def ticks_of(packet: Packet, track: Track, reader: Reader, most: int) -> NDArray[np.int64] | None:
+    """None where a packet of coded knots has more than ``most``."""
     level, components = reader.catalogue.level, len(track.components)
     try:
         parameters = KnotParameters.parse(track.parameters, level, track.offset)
@@ -79,7 +82,7 @@ def ticks_of(packet: Packet, track: Track, reader: Reader) -> NDArray[np.int64] 
             return parse_knots(packet.data, components, packet.offset)[0] + packet.start
         limit = parameters.grid.index_limit(level.count_bound)
         row = packet.data, packet.span, components, limit, packet.offset
-        if parse_start(*row)[1] > CODED:
+        if parse_start(*row)[1] >= most:
             return None
         ticks, _ = decode_indices(row[0], parameters.interpolation, *row[1:])
     except FormatError:
