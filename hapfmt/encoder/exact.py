@@ -81,6 +81,14 @@ SURE, ROUNDED = 0.02, 0.4
 """Bits of a correction of one distinct value: a rule that leaves fewer is that of the logger. One
 that leaves more may be followed by a polynomial, or by decimals."""
 
+GAINS, ULPS, FIRST_OFFSETS, GAINED = 64, 16, 8, 2048
+"""Gains that are tried on either side of the step at most; it is known by 16 ulp of the values. One
+of 8 values rules most of them out. Samples that an offset must suit."""
+
+SHIFTED, OFFSETS, OFFSET_UNIT, OFFSET_NEAR = 4096, 3, 1e-7, 1e-5
+"""Most steps of an offset; how many offsets are tried, those with seven decimals: an offset is
+known by more digits."""
+
 TRIALS, FITTED_LINE = 512, 8192
 """Distinct values that a polynomial is fitted to, and samples that a line is."""
 
@@ -97,6 +105,11 @@ class Candidate:
     counts: Counts
     parameters: ExactParameters
     how: str
+
+    @property
+    def described(self) -> int:
+        """Bits of coefficients that are not 0."""
+        return 64 * int(np.count_nonzero(self.parameters.coefficients))
 
     @property
     def affine(self) -> Affine:
@@ -257,7 +270,10 @@ def natural_candidate(
         near = Values(lattice.calibration, lattice.counts[first], u[first])
         for rule in rules:
             found = better(found, Candidate(near.calibration, near.counts, rule, ""), near)
-        if found and found.bits < SURE * near.counts.size:
+        if len(known) == 1 and not (found and found.bits < SURE * near.counts.size):
+            for way in gained_ways(near, search.values):
+                found = better(found, way, near)
+        if found and found.bits < SURE * near.counts.size + found.way.described:
             break
     if not found:
         return None
@@ -291,12 +307,69 @@ def better(found: Trial | None, way: Candidate, near: Values) -> Trial | None:
     """The one with the shorter corrections."""
     rule = way.parameters
     try:
-        corrections = corrections_of(near.doubles, rule.values(near.counts, way.affine))
+        corrections = corrections_of(near.doubles, rule.values(way.counts, way.affine))
     except ValueError:
         return found
     bits = float(np.log2(1.0 + np.abs(corrections.astype(np.float64))).sum())
-    bits += 64 * len(rule.coefficients)
+    bits += way.described
     return Trial(bits, way, near) if found is None or bits < found.bits else found
+
+
+def gained_ways(near: Values, x: Doubles) -> Iterator[Candidate]:
+    """Counts times a gain, and an offset: as most programs do it, both numbers being doubles.
+
+    The offset may be many steps, so that counts begin elsewhere. It is known by some ulp of the
+    values, and is supposed to have few decimals."""
+    calibration = near.calibration
+    step, base = float(calibration.step), calibration.b / calibration.d
+    shifts = np.arange(-SHIFTED, SHIFTED + 1)
+    units = (base - shifts * step) / OFFSET_UNIT
+    likely = shifts[np.abs(units - np.rint(units)) < OFFSET_NEAR].tolist()
+    largest, extent = float(np.abs(near.doubles).max()), int(np.ptp(near.counts)) or 1
+    unit = float(np.spacing(abs(step)))
+    reach = np.ceil(ULPS * float(np.spacing(largest)) / extent / unit)
+    reach = float(min(max(reach, ULPS), GAINS))
+    gains: Doubles = step + np.arange(-reach, reach + 1) * unit
+    more = np.ascontiguousarray(x[:: -(-x.size // GAINED)])
+    for shift in sorted(likely, key=abs)[:OFFSETS]:
+        few = gains
+        for stride in (FIRST_OFFSETS, 1):
+            part = slice(None, None, stride)
+            few, low, high = offsets_of(near.counts[part] + shift, near.doubles[part], few)
+        if few.size:
+            counts = nearest_within(more, calibration, inf)[0] + np.int64(shift)
+            few, low, high = offsets_of(counts, more, few)
+        for gain, one, other in list(zip(few, low, high, strict=True))[few.size // 2 :][:1]:
+            offset = shortest_between(float(one), float(other))
+            moved = near.counts + shift
+            rule = ExactParameters(CUBIC, 0, (offset, float(gain), 0.0, 0.0))
+            b = calibration.b - shift * calibration.a
+            if abs(b) < AFFINE_LIMIT:
+                yield Candidate(Calibration(calibration.a, b, calibration.d), moved, rule, "")
+
+
+def offsets_of(counts: Counts, x: Doubles, gains: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    """The gains with which an offset gives all of x, and between which numbers it lies."""
+    products = gains[:, None] * counts.astype(np.float64)
+    rest = x - products
+    back = rest - x
+    missing = (x - (rest - back)) - (products + back)
+    half: Doubles = np.spacing(np.abs(x)) / 2
+    low = (rest + (missing - half)).max(axis=1)
+    high = (rest + (missing + half)).min(axis=1)
+    fits = low <= high
+    return gains[fits], low[fits], high[fits]
+
+
+def shortest_between(low: float, high: float) -> float:
+    """The number with the fewest digits."""
+    middle = low / 2 + high / 2
+    texts = (f"{middle:.{digits}e}" for digits in range(17))
+    return (
+        next((x for x in map(float, texts) if low <= x <= high), middle)
+        if low > 0 or high < 0
+        else 0.0
+    )
 
 
 def cubic_ways(near: Values) -> Iterator[Candidate]:
