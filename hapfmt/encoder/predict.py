@@ -49,7 +49,7 @@ SUMS = 4
 """Sums are of first differences where quiet parts and loud ones count alike, of first differences,
 and the same two of the samples: their bits say which are tried."""
 
-PART, COSTED, SHARE = 64, 32, 0.3
+PART, COSTED, SHARE = 48, 32, 0.3
 """Samples whose loudness is one number, and those whose mean error is. Loudness is the mean error
 of the best polynomial, and a SHARE of a count for rounding."""
 
@@ -208,10 +208,12 @@ class Choice:
         return np.asarray(x - np.rint(sums + MORE))
 
     def loudness(self, errors: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-        """One over the loudness of each part."""
+        """One over the loudness of each part and those beside it."""
         starts = np.arange(0, self.size, PART)
         least = np.min([np.add.reduceat(np.abs(e), starts) for e in errors], axis=0)
-        return np.asarray(1 / (least / np.diff(np.append(starts, self.size)) + SHARE))
+        loud = least / np.diff(np.append(starts, self.size)) + SHARE
+        around = np.concatenate((loud[:1], loud, loud[-1:]))
+        return np.asarray(4 / (around[:-2] + 2 * loud + around[2:]))
 
     def linear(self, place: int, loudness: NDArray[np.float64]) -> tuple[list[int], int]:
         """Reflection coefficients, and the order whose energy best repays them."""

@@ -501,7 +501,8 @@ class Settings:
         return max(seconds, Fraction(ceil(LEAST_TICKS / fastest)))
 
     def describe(self) -> str:
-        """The preset and the options that differ from it, in the words of the command line.
+        """The preset and the options that differ from it, in the words of the command line. Not
+        the effort: it loses nothing, and a file of more effort is not larger for its name.
 
         The file's HEAD contains this text.
         """
@@ -566,7 +567,6 @@ OPTIONS = {
     "cluster": "cluster",
     "tolerance": "tolerance",
     "interpolation": "interpolation",
-    "effort": "effort",
 }
 
 USED_BY: dict[str, tuple[str, tuple[Preset, ...]]] = {

@@ -7,7 +7,7 @@
 
 #include "search.h"
 
-enum { PART = 64, FRONT = 40, COSTED = 32, POLYNOMIALS = 5, SETS = 4, WAYS = 24, TOGETHER = 12 };
+enum { PART = 48, FRONT = 40, COSTED = 32, POLYNOMIALS = 5, SETS = 4, WAYS = 24, TOGETHER = 12 };
 enum { COEFFICIENT_COST = 8, REPEAT_SHARE = 50, BIT = 256, QUIET_BITS = 141 };
 
 /* What is searched. ``sets``: sums of first differences where quiet and loud parts count alike, and plain
@@ -141,10 +141,16 @@ INLINE void measure_polynomials(search *s)
             double sum = sum_of(rows[g], n);
             least = sum < least ? sum : least;
         }
-        s->gains[part + 1] = 1 / (least / (double)n + 0.3);
+        s->gains[part + 1] = least / (double)n + 0.3;
         if (part % s->how.stride) continue;
         for (int g = 0; g < POLYNOMIALS; g++) add_bits(rows[g], n, s->polynomials + g);
         s->seen += n;
+    }
+    double before = s->gains[1];
+    for (int k = 1; k <= part; k++) {
+        double own = s->gains[k], next = k < part ? s->gains[k + 1] : own;
+        s->gains[k] = 4 / (before + 2 * own + next);
+        before = own;
     }
     s->gains[0] = s->gains[1];
     s->gains[part + 1] = s->gains[part];

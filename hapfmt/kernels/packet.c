@@ -179,13 +179,15 @@ static PyObject *encode_packet(PyObject *self, PyObject *args)
     return result;
 }
 
+enum { CHUNK = 2 * COSTED };
+
 /* BIT times the bits of the best of the first three polynomials, signs too; -1: none can be coded. */
 static int64_t polynomial_bits(const int64_t *indices, int64_t count)
 {
     int64_t bits[3] = {0}, best = -1, mean = mean_of(indices, count);
-    double x[3][2 + PART];
-    for (int64_t from = 0; from < count; from += PART) {
-        int64_t n = count - from < PART ? count - from : PART;
+    double x[3][2 + CHUNK];
+    for (int64_t from = 0; from < count; from += CHUNK) {
+        int64_t n = count - from < CHUNK ? count - from : CHUNK;
         for (int64_t i = -2; i < n; i++) {
             int64_t now = from + i < 0 ? 0 : from + i, before = now ? now - 1 : 0;
             x[0][2 + i] = (double)(indices[now] - mean);
