@@ -408,9 +408,10 @@ class Kernels(Protocol):
         parameters: Buffer,
         calibrations: Buffer,
         counts: Buffer,
+        given: bool,
         values: Buffer,
         /,
-    ) -> bool: ...
+    ) -> int: ...
 
     @property
     def coded_knots_decode(self) -> CodedKnotsDecode: ...
