@@ -278,17 +278,19 @@ INLINE int64_t nearest(int64_t n, int64_t d)
     return whole + (twice > d || (twice == d && (whole & 1)));
 }
 
-/* Whether n / d >= 10^p. */
-INLINE int reaches(int64_t n, int64_t d, int p)
+/* The least n with n / d >= 10^p, or more than any. */
+static int64_t least_of(int64_t d, int p)
 {
-    return p >= 0 ? n / powers[p] >= d : n >= (d + powers[-p] - 1) / powers[-p];
+    if (p < 0) return (d + powers[-p] - 1) / powers[-p];
+    return d > EXACT_MOST / powers[p] ? INT64_MAX : d * powers[p];
 }
 
 /* Rule 2 where products fit 62 bits, else TOO_WIDE: Python's integers have any length. */
 static int put_digits(const exact_rule *r, const int32_t *counts, int64_t span, double *out)
 {
     int64_t d = r->affine[2];
-    int p = 0; /* 10^p <= n / d < 10^(p + 1) */
+    int p = 0; /* 10^p <= n / d < 10^(p + 1) for least <= n < most */
+    int64_t least = 1, most = 0;
     for (int64_t t = 0; t < span; t++) {
         int64_t signed_n = counts[t] * r->affine[0] + r->affine[1], n = signed_n < 0 ? -signed_n : signed_n;
         int places = r->digits - DECIMALS;
@@ -299,8 +301,12 @@ static int put_digits(const exact_rule *r, const int32_t *counts, int64_t span, 
         }
         if (r->digits < DECIMALS) {
             /* Both are from 1 to 2^53, so p is -16 to 15. */
-            while (!reaches(n, d, p)) p--;
-            while (reaches(n, d, p + 1)) p++;
+            if (n < least || n >= most) {
+                while (n < least_of(d, p)) p--;
+                while (n >= least_of(d, p + 1)) p++;
+                least = least_of(d, p);
+                most = least_of(d, p + 1);
+            }
             places = r->digits - 1 - p;
         }
         if (places >= POWERS) return TOO_WIDE;
