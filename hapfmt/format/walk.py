@@ -11,6 +11,7 @@ from .cluster import held_size
 from .layout import FOOT
 from .source import ByteSource
 from .wire import (
+    CRC_OFFSET,
     HEADER_SIZE,
     SIGNATURE,
     SYNC,
