@@ -135,12 +135,14 @@ def test_twins(case, data):
 @pytest.mark.parametrize("wrong", [
     {1: bytes(3)}, {1: b"\5\0\0\0"}, {1: b"\4\0\0\0" + bytes(8)}, {1: b"\4\0\1\0" + bytes(18)},
     {1: bytes(5)}, {2: np.array([[1, 0, 0]])}, {2: np.array([[2**53 + 1, 0, 1]])}, {2: b""},
-    {2: np.ones((3, 3), np.int64)}, {3: bytes(7)}, {3: b""}, {4: np.zeros(3)},
+    {2: np.ones((3, 3), np.int64)}, {3: bytes(7)}, {3: b""}, {5: np.zeros(3)},
+    {1: b"\2\0\0\0"}, {1: b"\2\x20\0\0"},
 ], ids=changed)  # fmt: skip
 def test_what_are_no_parameters(wrong):
-    given = {0: b"", 1: bytes(4), 2: np.array([[1, 2, 1]]), 3: np.ones(2, np.int32), 4: np.zeros(2)}
+    given = {0: b"", 1: bytes(4), 2: np.array([[1, 2, 1]]), 3: np.ones(2, np.int32),
+             4: False, 5: np.zeros(2)}  # fmt: skip
     assert exact.compiled.exact_packet(*given.values())
-    assert given[4].tolist() == [3.0, 3.0]
+    assert given[5].tolist() == [3.0, 3.0]
     with pytest.raises(ValueError, match="not the parameters"):
         exact.compiled.exact_packet(*(given | wrong).values())
     with pytest.raises(TypeError):

@@ -256,6 +256,9 @@ FRESH, SAME, KNOWN = range(3)
 TABLED = 8
 """Counts whose range is at most so many times their number are ranked by a table."""
 
+TOO_WIDE = 2
+"""What the compiled loop returns where a rule takes integers of more than 62 bits."""
+
 WORK = 2
 """Numbers of 64 bits for each sample, in which the compiled loops remember: a value, a link, and a
 head for each count."""
@@ -398,11 +401,15 @@ def decode_exact(
     if compiled is not None:
         out = np.empty(counts.T.shape)
         rows = np.ascontiguousarray(counts.T, np.int32)
-        for place, each in enumerate(parameters):
-            if each.rule == SIGNIFICANT:
-                out[place] = each.values(rows[place].astype(np.int64), affines[place])
         described = described or b"".join(each.build() for each in parameters)
-        if compiled.exact_packet(rest, described, np.array(affines, np.int64), rows, out):
+        calibrations = np.array(affines, np.int64)
+        found = compiled.exact_packet(rest, described, calibrations, rows, False, out)
+        if found == TOO_WIDE:
+            for place, each in enumerate(parameters):
+                if each.rule == SIGNIFICANT:
+                    out[place] = each.values(rows[place].astype(np.int64), affines[place])
+            found = compiled.exact_packet(rest, described, calibrations, rows, True, out)
+        if found:
             return out.T
     # Python decodes the rest, and reports which rule is broken.
     ends = parts_of(rest, len(parameters), at) if rest else [(0, 0)] * len(parameters)

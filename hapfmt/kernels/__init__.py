@@ -9,7 +9,7 @@ That of split.py is sections.
 Shared headers: coder.h, integers.h, coded.h and flags.h implement SPEC 9.4, each on top of the one
 before.
 lpcr.h implements 9.5, components.h its packets, search.h its predictors, lines.h the counts
-between knots.
+between knots. bytes.h takes varints from packets.
 """
 
 from __future__ import annotations
@@ -430,9 +430,10 @@ class Kernels(Protocol):
         parameters: Buffer,
         calibrations: Buffer,
         counts: Buffer,
+        given: bool,
         values: Buffer,
         /,
-    ) -> bool: ...
+    ) -> int: ...
 
     @property
     def coded_knots_decode(self) -> CodedKnotsDecode: ...

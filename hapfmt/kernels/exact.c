@@ -153,9 +153,16 @@ static int decode_corrections(uint8_t *in, int64_t size, const int32_t *ids, int
    arithmetic. */
 enum { LINEAR_BLOCK = 256, TERMS_MOST = 16, TERM_SIZE = 10, COMPONENTS_MOST = 255 };
 enum { QUOTIENT = 0, PRODUCT = 1, DIGITS = 2, CUBIC = 3, LINEAR = 4 };
+enum { DECIMALS = 16, DIGITS_MOST = 31, POWERS = 19, TOO_WIDE = 10 };
+static const int64_t WIDE_MOST = (int64_t)1 << 62, EXACT_MOST = (int64_t)1 << 53;
+static const int64_t powers[POWERS] = {
+    1, 10, 100, 1000, 10000, 100000, 1000000, 10000000, 100000000, 1000000000, 10000000000, 100000000000,
+    1000000000000, 10000000000000, 100000000000000, 1000000000000000, 10000000000000000,
+    100000000000000000, 1000000000000000000,
+};
 
 typedef struct {
-    int rule, terms, component[TERMS_MOST], lag[TERMS_MOST];
+    int rule, digits, terms, component[TERMS_MOST], lag[TERMS_MOST];
     double coefficients[4], weights[TERMS_MOST];
     int64_t affine[3];
 } exact_rule;
@@ -180,9 +187,11 @@ static int take_rules(const uint8_t *in, int64_t size, int count, exact_rule *ru
         exact_rule *r = rules + i;
         if (size < 4) return 0;
         r->rule = in[0];
+        r->digits = in[1];
         r->terms = in[2];
         int numbers = r->rule == CUBIC ? 4 : r->rule == LINEAR;
-        if (r->rule > LINEAR || r->terms > TERMS_MOST || (r->rule == LINEAR) != (r->terms > 0) ||
+        if (r->rule > LINEAR || r->terms > TERMS_MOST || (r->rule == DIGITS && !r->digits) ||
+            r->digits > DIGITS_MOST || (r->rule == LINEAR) != (r->terms > 0) ||
             size < 4 + 8 * numbers + TERM_SIZE * r->terms)
             return 0;
         in += 4;
@@ -262,6 +271,57 @@ static void put_linear(const exact_rule *r, int own, const int32_t *counts, int6
     }
 }
 
+/* n / d to the nearest, ties to even, both at least 0. */
+INLINE int64_t nearest(int64_t n, int64_t d)
+{
+    int64_t whole = n / d, twice = 2 * (n % d);
+    return whole + (twice > d || (twice == d && (whole & 1)));
+}
+
+/* The least n with n / d >= 10^p, or more than any. */
+static int64_t least_of(int64_t d, int p)
+{
+    if (p < 0) return (d + powers[-p] - 1) / powers[-p];
+    return d > EXACT_MOST / powers[p] ? INT64_MAX : d * powers[p];
+}
+
+/* Rule 2 where products fit 62 bits, else TOO_WIDE: Python's integers have any length. */
+static int put_digits(const exact_rule *r, const int32_t *counts, int64_t span, double *out)
+{
+    int64_t d = r->affine[2];
+    int p = 0; /* 10^p <= n / d < 10^(p + 1) for least <= n < most */
+    int64_t least = 1, most = 0;
+    for (int64_t t = 0; t < span; t++) {
+        int64_t signed_n = counts[t] * r->affine[0] + r->affine[1], n = signed_n < 0 ? -signed_n : signed_n;
+        int places = r->digits - DECIMALS;
+        if (!n || n > EXACT_MOST) {
+            if (n) return TOO_WIDE;
+            out[t] = 0;
+            continue;
+        }
+        if (r->digits < DECIMALS) {
+            /* Both are from 1 to 2^53, so p is -16 to 15. */
+            if (n < least || n >= most) {
+                while (n < least_of(d, p)) p--;
+                while (n >= least_of(d, p + 1)) p++;
+                least = least_of(d, p);
+                most = least_of(d, p + 1);
+            }
+            places = r->digits - 1 - p;
+        }
+        if (places >= POWERS) return TOO_WIDE;
+        int64_t whole, power = powers[places < 0 ? -places : places];
+        if (places < 0) whole = nearest(n, d * power);
+        else if (n > WIDE_MOST / power) return TOO_WIDE;
+        else whole = nearest(n * power, d);
+        double v = (double)(signed_n < 0 ? -whole : whole);
+        out[t] = whole >= EXACT_MOST ? quotient_of(r->affine, counts[t])
+                 : places < 0        ? v * (double)power
+                                     : v / (double)power;
+    }
+    return DONE;
+}
+
 static void put_values(const exact_rule *r, const int32_t *counts, int64_t span, const int64_t *moves,
                        double *out)
 {
@@ -327,7 +387,7 @@ static int decode_part(const uint8_t *part, int64_t size, const int32_t *counts,
 }
 
 static int decode_values(const uint8_t *rest, int64_t size, const exact_rule *rules, int count,
-                         const int32_t *counts, int64_t span, double *values)
+                         const int32_t *counts, int64_t span, int given, double *values)
 {
     const uint8_t *parts[COMPONENTS_MOST];
     int64_t sizes[COMPONENTS_MOST] = {0}, sum = 0;
@@ -357,6 +417,8 @@ static int decode_values(const uint8_t *rest, int64_t size, const exact_rule *ru
             if ((rules[i].rule == LINEAR) != late) continue;
             const int32_t *row = counts + i * span;
             status = decode_part(size ? parts[i] : rest, sizes[i], row, span, &bench);
+            if (!status && rules[i].rule == DIGITS && !given)
+                status = put_digits(rules + i, row, span, values + i * span);
             if (status) break;
             if (late) put_linear(rules + i, i, row, span, values, bench.moves, values + i * span);
             else put_values(rules + i, row, span, bench.moves, values + i * span);
@@ -520,13 +582,14 @@ static PyObject *exact_encode(PyObject *self, PyObject *args)
 }
 
 /* (exact values of a packet, parameters of LPCX, calibrations int64 [components, 3], counts int32
-   [components, ticks], values float64 [components, ticks]) -> whether all rules are kept. The values are
-   filled; before, those of rule 2 are what the rule gives. */
+   [components, ticks], given, values float64 [components, ticks]) -> 0: a rule is broken, 1: the values are
+   filled, 2: rule 2 has numbers of more than 62 bits. ``given``: the values have what rule 2 gives. */
 static PyObject *exact_packet(PyObject *self, PyObject *args)
 {
     (void)self;
     Py_buffer rest, parameters, affines, counts, values;
-    if (!PyArg_ParseTuple(args, "y*y*y*y*w*", &rest, &parameters, &affines, &counts, &values)) return NULL;
+    int given;
+    if (!PyArg_ParseTuple(args, "y*y*y*y*pw*", &rest, &parameters, &affines, &counts, &given, &values)) return NULL;
     PyObject *result = NULL;
     exact_rule rules[COMPONENTS_MOST];
     Py_ssize_t count = affines.len / 24, span = count ? counts.len / 4 / count : 0;
@@ -545,10 +608,10 @@ static PyObject *exact_packet(PyObject *self, PyObject *args)
         int status = BAD_CODING;
 #if FLT_EVAL_METHOD == 0
         Py_BEGIN_ALLOW_THREADS
-        status = decode_values(rest.buf, rest.len, rules, (int)count, counts.buf, span, values.buf);
+        status = decode_values(rest.buf, rest.len, rules, (int)count, counts.buf, span, given, values.buf);
         Py_END_ALLOW_THREADS
 #endif
-        result = status == NO_MEMORY ? PyErr_NoMemory() : PyBool_FromLong(status == DONE);
+        result = status == NO_MEMORY ? PyErr_NoMemory() : PyLong_FromLong(status == DONE ? 1 : status == TOO_WIDE ? 2 : 0);
     }
     PyBuffer_Release(&rest);
     PyBuffer_Release(&parameters);
