@@ -16,7 +16,7 @@ import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
 from hapfmt.codecs.grids import LpcParameters
 from hapfmt.deadband import Deadband
-from hapfmt.encoder.bounded import scalar_ways, vector_ways
+from hapfmt.encoder.bounded import likely_ways, scalar_ways, vector_ways
 from hapfmt.encoder.encode import choose_level, encode
 from hapfmt.encoder.gridded import nearest_level
 from hapfmt.encoder.plan import Promise
@@ -177,6 +177,20 @@ class TestDeadband:
             if not bound.slack:
                 weber = np.abs(x - bound.band.zero[0]) * bound.band.kn // bound.band.kd
                 assert (np.abs(x - y[:, 0]) <= weber).all()
+
+    @pytest.mark.parametrize("name", ["noise", "walk", "ramps", "sine", "taps"])
+    @pytest.mark.parametrize("k", [Fraction(0), Fraction(1, 10)])
+    def test_the_likely_ways_hold_the_smallest(self, name, k):
+        x = shapes(9000, 3)[name]
+        one = channel(x, Calibration(1, 0, 1000))
+        source = InputBlock((one,), x[:, None].astype(np.int64), one.coverage)
+        bound = bound_of(source, Promise(Tolerance.parse("1%"), k))
+        base = make_track(source.channels, 0, codec="KNOT", count_min=-(2**31),
+                          count_max=2**31 - 1)  # fmt: skip
+        every = {why: way(base, None).size for why, way in scalar_ways(source, bound)}
+        likely = [why for why, _ in likely_ways(source, base, bound, knots_alone=False)]
+        assert min(every[why] for why in likely) <= 1.02 * min(every.values())
+        assert len(likely) < len(every)
 
     @given(st.integers(0, 2**32), webers, floors, st.sampled_from(["noise", "walk", "near zero"]))
     def test_vectors(self, seed, k, floor, name):

@@ -273,10 +273,10 @@ LEAST = 16
 """Held pieces of a window; channels that have fewer are looked at as a whole."""
 
 LEVELS, LINES = "fewest held levels", "fewest lines"
-JOINS, GRID_JOINS = {LEVELS: 0, LINES: 2}, 3
+JOINS, GRID_JOINS = {LEVELS: 0, LINES: 4}, 3
 """Bytes that a stretch more takes than the same samples in a whole channel."""
 
-FEW, DENSE, DENSER, CHEAP = 64, 0.35, 0.7, 1.5
+FEW, DENSE, DENSER, CHEAP = 64, 0.35, 0.7, 4
 """Held pieces up to which varints may be smaller; held pieces a sample from which lines never are;
 bytes of the quick estimate for each held piece from which on the grid never is. Where the
 grid does not grow with the value, lines are tried up to DENSER (measured)."""
@@ -300,7 +300,7 @@ def likely_ways(source: InputBlock, base: Track, bound: Bound, *, knots_alone: b
     ways = [levels]
     if held <= FEW:
         ways.append(plain)
-    if held <= (DENSE if grid.kn else DENSER) * x.size:
+    if sampled or held <= (DENSE if grid.kn else DENSER) * x.size:
         ways.append(lines)
     if not knots_alone:
         bits = [quick_estimate(nearest_uniform(looked, even_grid(bound)))]

@@ -25,7 +25,6 @@ from ..codecs.quantised import (
     Alphabet,
     QuanParameters,
     bit_length,
-    build_codebook,
     code_lengths,
     encode_quantised,
     quantise,
@@ -42,6 +41,7 @@ from ..recording import Calibration, Channel, Deviation
 from ..split import low_pass
 from .knots import Coded, Packing, knot_values, plain_knots, select_knots, smaller_knots
 from .plan import Promise
+from .predict import logs
 from .settings import PAPER_BITS, Settings, counts_of, whole_counts
 from .source import InputBlock, declared_range, held_range, make_track
 
@@ -57,7 +57,8 @@ DIRECT_LEVELS = (0, 1, 2, 3, 5, 7, 11, 15, 23, 31, 47, 63, 127, 255, 511, 1023)
 def choose_codebook(pieces: list[NDArray[np.int64]], step: int) -> QuanParameters:
     """One table for all packets of a track: ``pieces`` are the levels [ticks, components] of each.
 
-    Tries several numbers M of direct levels and keeps the one with the fewest bits, table included.
+    Estimates several numbers M of direct levels, and takes the one with the fewest bits, table
+    included.
     """
     columns = [piece.T.reshape(-1) for piece in pieces]
     runs = zero_runs(columns)
@@ -66,7 +67,7 @@ def choose_codebook(pieces: list[NDArray[np.int64]], step: int) -> QuanParameter
     levels, counts = levels[levels != 0], counts[levels != 0]
     singles, run_counts = run_symbols(runs, run_classes)
     largest = int(np.abs(levels).max(initial=0))
-    best: tuple[int, QuanParameters] | None = None
+    best: tuple[int, Alphabet, NDArray[np.int64]] | None = None
     for direct in (*(m for m in DIRECT_LEVELS if m < largest), largest):
         escape_classes = max(largest - direct, 0).bit_length()
         alphabet = Alphabet(direct, run_classes, escape_classes)
@@ -76,17 +77,22 @@ def choose_codebook(pieces: list[NDArray[np.int64]], step: int) -> QuanParameter
         np.add.at(frequencies, alphabet.level_symbols(levels)[0], counts)
         frequencies[0] += singles
         frequencies[alphabet.first_run : alphabet.first_escape] += run_counts
-        if not frequencies.any():
-            frequencies[0] = 1
-        lengths = code_lengths(frequencies)
-        bits = int((frequencies * (lengths + alphabet.extra_bits)).sum())
-        total = bits + 8 * len(build_codebook(lengths))
+        total = about_bits(frequencies) + 256 * int((frequencies * alphabet.extra_bits).sum())
         if best is None or total < best[0]:
-            best = total, QuanParameters(step, alphabet, lengths)
+            best = total, alphabet, frequencies
         elif total > best[0] + best[0] // 8:
             break
     assert best is not None
-    return best[1]
+    _, alphabet, frequencies = best
+    if not frequencies.any():
+        frequencies[0] = 1
+    return QuanParameters(step, alphabet, code_lengths(frequencies))
+
+
+def about_bits(frequencies: NDArray[np.int64]) -> int:
+    """256 times the bits of the symbols, and of half a byte for each in the codebook."""
+    some = frequencies[frequencies > 0]
+    return int((some * (logs(some.sum(keepdims=True)) - logs(some))).sum()) + 1024 * some.size
 
 
 def histogram(levels: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

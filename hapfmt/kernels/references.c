@@ -330,7 +330,7 @@ static PyObject *find_links(PyObject *self, PyObject *args)
 
 /* ---- the weights of a packet ---- */
 
-/* Of a target, the last row, and its sources: differences [count + 1, size], and the errors that are
+/* A target, the last row, and its sources: differences [count + 1, size], and the errors that are
    looked at. */
 typedef struct {
     int count;
