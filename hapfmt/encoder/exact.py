@@ -189,10 +189,14 @@ def bytes_of_words(x: Doubles) -> float:
 
 
 def bytes_of(candidate: Candidate, x: Doubles) -> float:
-    """About how many bytes counts with exact values take where no values repeat."""
+    """About how many bytes counts with exact values take where no values repeat; 0 where that is
+    not known."""
     looked: Doubles = pieces_of(x).ravel().astype(np.float64)
     counts: Counts = pieces_of(candidate.counts).astype(np.int64)
-    lacking = lacking_of(looked, candidate.parameters, candidate.affine, counts.ravel())
+    try:
+        lacking = lacking_of(looked, candidate.parameters, candidate.affine, counts.ravel())
+    except ValueError:
+        return 0.0
     moved = np.abs(lacking.corrections.astype(np.float64))
     bits = bits_of(counts.astype(np.float64)) + float(np.log2(1.0 + 2.0 * moved).mean())
     return SHORT_OF * bits * x.size / 8
@@ -364,12 +368,10 @@ def offsets_of(counts: Counts, x: Doubles, gains: Doubles) -> tuple[Doubles, Dou
 def shortest_between(low: float, high: float) -> float:
     """The number with the fewest digits."""
     middle = low / 2 + high / 2
+    if low <= 0 <= high:
+        return 0.0
     texts = (f"{middle:.{digits}e}" for digits in range(17))
-    return (
-        next((x for x in map(float, texts) if low <= x <= high), middle)
-        if low > 0 or high < 0
-        else 0.0
-    )
+    return next((x for x in map(float, texts) if low <= x <= high), middle)
 
 
 def cubic_ways(near: Values) -> Iterator[Candidate]:
