@@ -173,9 +173,13 @@ def build_varint(value: int) -> bytes:
 
 def parse_varint(data: bytes, position: int, base: int = 0) -> tuple[int, int]:
     """The varint at ``position`` and the position after it; ``base`` is the offset of ``data``."""
-    # Nearly all are of one byte.
-    if position < len(data) and data[position] < 0x80:
-        return data[position], position + 1
+    if position + 1 < len(data):
+        # Nearly all are of one byte or two.
+        value, byte = data[position], data[position + 1]
+        if value < 0x80:
+            return value, position + 1
+        if 0 < byte < 0x80:
+            return value & 0x7F | byte << 7, position + 2
     value = 0
     for index in range(VARINT_SIZE):
         if position + index >= len(data):

@@ -96,14 +96,17 @@ MEMORY = Memory()
 class GrowingArray:
     """Rows that come piece by piece and end as one array, without both in memory at once: a
     bytearray grows by an eighth, and large ones are moved by the operating system, not copied. A
-    ``store`` on the disk gets parts of it meanwhile."""
+    ``store`` on the disk gets parts of it meanwhile, in one piece where ``expected`` rows, or a
+    little less, are all that come."""
 
-    def __init__(self, store: Memory = MEMORY) -> None:
-        self.store = store
+    def __init__(self, store: Memory = MEMORY, expected: int = 0) -> None:
+        self.store, self.expected = store, expected
         self.parts: list[NDArray[np.uint8]] = []
         self.room: bytearray | None = None
         self.first: NDArray[Any] | None = None
         """All rows, where they come in one piece."""
+        self.reserved = self.filled = 0
+        """Bytes of the last part, which is filled piece by piece."""
 
     def append(self, rows: NDArray[Any]) -> None:
         """rows [ticks, ...], of one dtype and width throughout."""
@@ -112,14 +115,29 @@ class GrowingArray:
             return
         if self.room is None:
             self.room = bytearray(np.ascontiguousarray(self.first).data.cast("B"))
+            self.reserved = self.expected * (len(self.room) // max(len(self.first), 1))
             self.first = self.first[:0].copy()
         self.room += np.ascontiguousarray(rows).data.cast("B")
         if self.store.on_disk and len(self.room) >= TOGETHER:
-            self.store_part(self.room)
+            self.store_room(self.room)
 
-    def store_part(self, room: bytearray) -> None:
-        self.parts.append(self.store.kept(np.frombuffer(room, np.uint8)))
+    def store_room(self, room: bytearray) -> None:
+        size = len(room)
+        if self.filled + size > self.reserved:
+            self.cut()
+            self.reserved = size
+        if not self.filled:
+            self.parts.append(self.store.empty(self.reserved, np.uint8))
+        self.parts[-1][self.filled : self.filled + size] = np.frombuffer(room, np.uint8)
+        self.filled += size
         self.room = bytearray()
+        release()
+
+    def cut(self) -> None:
+        """End the last part where it is filled."""
+        if self.parts and self.filled:
+            self.parts[-1] = self.parts[-1][: self.filled]
+        self.filled = 0
 
     def joined(self) -> NDArray[Any] | None:
         """All rows; None where there were none. Nothing is appended after that."""
@@ -127,7 +145,8 @@ class GrowingArray:
             first = self.first
             return first if first is None or first.flags.writeable else first.copy()
         if self.parts and self.room:
-            self.store_part(self.room)
+            self.store_room(self.room)
+        self.cut()
         if len(self.parts) > 1:
             whole, at = self.store.empty(sum(map(len, self.parts)), np.uint8), 0
             for part in self.parts:

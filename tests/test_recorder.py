@@ -103,7 +103,7 @@ def chunkings(draw, sources, most_calls=600):
 
 
 @pytest.mark.compiled
-@either("most_calls", 600, deep=3000)
+@either("most_calls", 600, 1500, 3000)
 @given(data=st.data())
 def test_any_chunking_gives_the_recording_of_the_whole(most_calls, data):
     found = data.draw(st.lists(sources(), min_size=1, max_size=4, unique_by=lambda s: s[0].label))

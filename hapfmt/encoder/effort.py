@@ -40,7 +40,8 @@ class Effort:
     """Doubles near to a grid are tried as a polynomial of their counts, and as decimals."""
 
     every_form: bool = False
-    """Doubles are written in each form, not only in the one that estimates tell."""
+    """Doubles, channels with an error, and channels that are linked, are written in each form, not
+    only in the one that estimates tell."""
 
     every_sample: bool = False
     """Estimates look at each sample, not at one in three."""

@@ -32,7 +32,8 @@ from ..recording import Channel, Recording, Span
 from ..spool import Spool, release
 from ..threads import in_order, thread_count
 from .bitrate import fill
-from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
+from .bounded import HOPE, encode_bounded, encode_lossless, error_of, lossless_bits
+from .effort import Effort
 from .exact import (
     COSTLY,
     RUN_LIMIT,
@@ -50,7 +51,7 @@ from .knots import Coded
 from .lattice import Lattice, LatticeSearch, sparse
 from .lengths import Load, PacketLengths, load_of
 from .plan import Promise, check_error, promises_of, range_of, vector_promise
-from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
+from .references import Links, encode_run, find_runs, same_ticks, step_of
 from .settings import Settings, Tolerance
 from .source import InputBlock, cut, group_units, side_by_side
 from .texture import encode_textured
@@ -79,6 +80,9 @@ JOINED_TICKS = 1 << 19
 """Most ticks of a constant packet with one component: eight of them fill a cluster of level 1."""
 
 
+RELATED = 0.03
+"""Share of the bytes that a track of channels which follow from each other has to save."""
+
 METADATA = 96
 """Bytes in a file. A lossy form that saves less is not worth the loss."""
 
@@ -90,8 +94,11 @@ SMALLER = "smaller than a lossy form"
 SMALLER_LOSSLESS = "lossless is smaller"
 
 SMALL = 1 << 16
-"""In recordings of up to this many samples the encoder always tries the lossless form too. In
-longer ones it tries it where it may win."""
+"""In recordings of up to this many samples whole files are compared, where all channels may be
+smaller without loss."""
+
+LIKELY = 0.7
+"""Share of a quick estimate of the lossless size, above which the lossless form is tried."""
 
 
 @dataclass(frozen=True)
@@ -491,13 +498,20 @@ def encode_members(
     # Half of the components: packets of LPCR take less than five bytes a sample.
     half = (len(channels) + 1) // 2
     spans = job.spans(channels, range(first, first + len(channels)), half)
-    joint = encode_run(channels, first, error, spans, links, job.settings.searches)
-    if joint:
-        joint.channels = tuple(channels)
-        yield PlacedUnit(joint, first, members)
+    searches = job.settings.searches
+    joint = encode_run(channels, first, error, spans, links, searches)
+    apart = (
+        PlacedUnit(encode_unit([each], first + place, job), first + place, [each])
+        for place, each in enumerate(members)
+    )
+    if joint is None:
+        yield from apart
         return
-    for place, each in enumerate(members):
-        yield PlacedUnit(encode_unit([each], first + place, job), first + place, [each])
+    joint.channels = tuple(channels)
+    together = PlacedUnit(joint, first, members)
+    # Alone a channel with an error may be knots.
+    both = error or searches.every_form
+    yield from smaller(list(apart), [together]) if both else [together]
 
 
 def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUnit]:
@@ -569,7 +583,7 @@ def related(
     joint = encode_linear(
         channels, [columns[a] for a in places], units, own, numbers, spans, job.settings.searches
     )
-    if joint is None or joint.size >= (1 - SAVED) * sum(unit.size for unit in units):
+    if joint is None or joint.size >= (1 - RELATED) * sum(unit.size for unit in units):
         return parts
     return [PlacedUnit(joint, numbers[0], members, numbers=numbers)]
 
@@ -628,7 +642,8 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
     small = sum(channel.stored.size for channel in job.originals) <= SMALL
     lossless = replace(job, settings=job.lossless, promises=[Promise()] * len(job.originals))
     rivals: list[PlacedUnit] = []
-    doubtful = [may_lose(part) for part in parts]
+    every = job.settings.searches.every_form
+    doubtful = [may_lose(part, every=every) for part in parts]
     at = 0
     while at < len(parts):
         stop = at
@@ -669,14 +684,19 @@ def instead_of(promise: Promise) -> Promise:
     return Promise(texture=promise.texture, why=SMALLER)
 
 
-def may_lose(part: PlacedUnit) -> bool:
-    """Whether a lossless form may be smaller: what is lossless already is the smallest found."""
+def may_lose(part: PlacedUnit, *, every: bool) -> bool:
+    """Whether a lossless form may be smaller: what lost nothing is the smallest found.
+
+    Measured: on a grid of wider steps a channel is never larger. Other forms were, where they took
+    more than LIKELY of the quick estimate. ``every``: try all that are not certain.
+    """
     if part.unit.exact and not any(each.channel.deviation for each in part.members):
         return False
     promise = part.members[0].promise
-    if not (promise.k or promise.paper or promise.texture):
-        return False
-    return 8 * part.unit.cost > 1.4 * part.unit.least
+    if every:
+        return 8 * part.unit.cost > HOPE * part.unit.least
+    stepped = not (promise.k or promise.paper or promise.texture)
+    return not stepped and 8 * part.unit.cost > LIKELY * part.unit.least
 
 
 def total_cost(parts: list[PlacedUnit]) -> int:
@@ -817,7 +837,7 @@ def encode_source(
     if promise.paper:
         unit = encode_paper(source, first_channel, promise, settings)
     elif len(members) > 1:
-        joint = encode_bounded(source, base, vector_promise(settings))
+        joint = encode_bounded(source, base, vector_promise(settings), effort=settings.searches)
         assert joint
         unit = joint
     elif promise.texture is not None:
@@ -826,7 +846,7 @@ def encode_source(
         )
         unit = found or without_loss(original, first_channel, job)
     else:
-        unit = encode_within(members[0], source, base, first_channel, promise)
+        unit = encode_within(members[0], source, base, first_channel, promise, settings.searches)
     unit.least = unit.least or sum(
         lossless_bits(replace(source, channels=(each,), counts=counts[:, place : place + 1]))
         for place, each in enumerate(source.channels)
@@ -847,13 +867,14 @@ def encode_within(
     base: Track,
     first_channel: int,
     promise: Promise,
+    effort: Effort,
 ) -> Unit:
     """A bound on each sample. Where the grid is the quantiser, knots are tried on a finer one."""
     if member.fine:
-        unit = encode_bounded(source, base, promise)
+        unit = encode_bounded(source, base, promise, effort=effort)
         assert unit
         return unit
-    unit = encode_lossless(source, base)
+    unit = encode_lossless(source, base, effort)
     unit.reason = "each sample from those before, in equal steps"
     fine = member.finer
     if fine is None:
@@ -861,7 +882,7 @@ def encode_within(
     finer = InputBlock((fine.channel,), fine.channel.stored[:, None], source.spans)
     unit.least = lossless_bits(finer)
     base = whole_range(finer, first_channel)
-    knots = encode_bounded(finer, base, promise, unit.size, knots_alone=True)
+    knots = encode_bounded(finer, base, promise, unit.size, knots_alone=True, effort=effort)
     if knots is None:
         return unit
     return replace(knots, channels=finer.channels, grid=fine.text, least=unit.least)

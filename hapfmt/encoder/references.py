@@ -171,7 +171,9 @@ def choose_sources(
 @dataclass(frozen=True)
 class Fitted:
     """The predictor of a component with references, and what these add to its prediction errors.
-    ``without``, ``bits``: 256 times about the bits of the samples looked at, alone and with them."""
+
+    ``without``, ``bits``: 256 times about the bits of the samples looked at, alone and with them.
+    """
 
     reflections: tuple[int, ...]
     weights: list[int]
@@ -186,14 +188,14 @@ def fit(rows: Indices, target: int, links: tuple[int, ...]) -> Fitted:
     predictor that it has alone."""
     size = rows.shape[1]
     if compiled is not None:
-        reflections, w = np.zeros(ORDER_LIMIT, np.int8), np.zeros(len(links) * len(TAPS), np.int8)
+        ks, w = np.zeros(ORDER_LIMIT, np.int8), np.zeros(len(links) * len(TAPS), np.int8)
         cross = np.zeros(size, np.int64)
         order, without, bits, used = compiled.refer(
-            np.ascontiguousarray(rows), target, bytes(links), TABLE, LIMITS, reflections, w, cross
+            np.ascontiguousarray(rows), target, bytes(links), TABLE, LIMITS, ks, w, cross
         )
-        return Fitted(tuple(reflections[:order].tolist()), w.tolist(), cross, without, bits, used)
-    places = [*links, target]
-    y = np.diff(rows[places], prepend=rows[places, :1], axis=1)
+        return Fitted(tuple(ks[:order].tolist()), w.tolist(), cross, without, bits, used)
+    table = rows[[*links, target]]
+    y = list(np.diff(table, prepend=table[:, :1], axis=1))
     at = np.arange(size)
     looked = at >= min(SETTLING, size // 2)
     if size > ENOUGH:
@@ -203,14 +205,13 @@ def fit(rows: Indices, target: int, links: tuple[int, ...]) -> Fitted:
         c = step_up(reflections) or []
         errors = [prediction_errors(row, 0, c, 0) for row in y]
         seen = [row[looked] for row in errors]
-        if not last:
-            costs.append(cost_of(seen[-1]))
         shifts = shifts_of(seen[-1])
         m = moments([scaled(row, shifts) for row in seen], range(len(links)), len(links))
         for place in range(len(links)):
             m = sweep(m, place)
         weights = np.floor(64 * m[:-1, -1] + 0.5).clip(-128, 127).astype(int).tolist()
         if not last:
+            costs.append(cost_of(seen[-1]))
             reflections = predictor_of(64 * y[-1] - summed(weights, y[:-1]))
     rest = seen[-1] - ((summed(weights, seen[:-1]) + 32) >> 6)
     cross = (summed(weights, errors[:-1]) + 32) >> 6
@@ -326,6 +327,7 @@ def find_links(rows: Indices, torn: NDArray[np.bool_]) -> Links:
     if used < SETTLING:
         return links
     enough, factor = max(LIKELY, CHANCE / used), 2.0 ** (2 * max(8 * REFERENCE_SIZE / used, WORTH))
+    chosen: list[tuple[tuple[int, ...], float, float]] = []
     if compiled is not None:
         found, energies = np.zeros((count, REFERENCE_LIMIT + 1), np.int64), np.zeros((count, 2))
         totals = np.zeros(count, np.int64)
@@ -333,14 +335,13 @@ def find_links(rows: Indices, torn: NDArray[np.bool_]) -> Links:
             np.ascontiguousarray(rows), torn.astype(np.uint8), TABLE, LIMITS, enough, factor,
             found, energies, totals,
         )  # fmt: skip
-        chosen = [
-            (tuple(row[1 : 1 + row[0]]), *pair)
-            for row, pair in zip(found.tolist(), energies.tolist(), strict=True)
-        ]
-        bits = bits_of(totals.tolist(), used)
+        sums = totals.tolist()
+        for (number, *sources), (before, after) in zip(
+            found.tolist(), energies.tolist(), strict=True
+        ):
+            chosen.append((tuple(sources[:number]), before, after))
     else:
-        looked: list[Indices] = []
-        sums = []
+        looked, sums = [], []
         for y in np.diff(rows, prepend=rows[:, :1], axis=1):
             y[torn] = 0
             c = step_up(predictor_of(y, FIRST_ORDERS)) or []
@@ -348,14 +349,9 @@ def find_links(rows: Indices, torn: NDArray[np.bool_]) -> Links:
             looked.append(scaled(errors, shifts_of(errors)))
             sums.append(int(np.abs(errors).sum()))
         chosen = [choose_sources(looked, place, enough, factor) for place in range(count)]
-        bits = bits_of(sums, used)
+    bits = sum(used * log2(1 + 5.4 * total / used) for total in sums)
     saved = sum(used / 2 * log2(before / after) for _, before, after in chosen)
     return [sources for sources, _, _ in chosen] if saved > SAVED * bits else links
-
-
-def bits_of(sums: Sequence[int], size: int) -> float:
-    """Bits of as many errors in each row, by their sums."""
-    return sum(size * log2(1 + 5.4 * total / size) for total in sums)
 
 
 def encode_referring(rows: Indices, place: int, links: tuple[int, ...], effort: Effort) -> bytes:
@@ -364,8 +360,8 @@ def encode_referring(rows: Indices, place: int, links: tuple[int, ...], effort: 
     if not links or indices.size < 2 or (indices == indices[0]).all():
         return encode_best(indices, effort)
     found = fit(rows, place, links)
-    weights = [tuple(found.weights[k : k + 3]) for k in range(0, len(found.weights), 3)]
-    references = tuple(Reference(a, w) for a, w in zip(links, weights, strict=True) if any(w))
+    around = zip(found.weights[::3], found.weights[1::3], found.weights[2::3], strict=True)
+    references = tuple(Reference(a, w) for a, w in zip(links, around, strict=True) if any(w))
     saved = (found.without - found.bits) * indices.size // found.used
     own = 256 * 8 * (1 + REFERENCE_SIZE * len(references))
     if references and saved > own + PAYS * found.without * indices.size / found.used:

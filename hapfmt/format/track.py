@@ -737,9 +737,7 @@ def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) ->
         provenance=described.provenance,
         further=further_of(raw, tlvs, kind, at, supported=unsupported is None),
         unsupported=unsupported,
-        unknown=tuple(
-            [(type_, value) for type_, (_, value) in tlvs.items() if type_ not in KNOWN]
-        ),
+        unknown=tuple([(type_, value) for type_, (_, value) in tlvs.items() if type_ not in KNOWN]),
         offset=offset,
     )
     return track

@@ -6,6 +6,7 @@
 #include "search.h"
 
 class_table hapfmt_classes[CLASSES];
+uint64_t hapfmt_inverses[SCALE + 1];
 uint16_t hapfmt_costs[SCALE];
 models hapfmt_models;
 flag_tables hapfmt_flags;
@@ -258,6 +259,8 @@ PyMethodDef hapfmt_lpcr_methods[] = {
 
 void hapfmt_lpcr_prepare(void)
 {
+    for (int i = 1; i <= SCALE; i++)
+        hapfmt_inverses[i] = (((uint64_t)1 << 44) + (uint64_t)i - 1) / (uint64_t)i;
     for (int i = 1; i < SCALE; i++)
         hapfmt_costs[i] = (uint16_t)floor(256 * log2((double)SCALE / i) + 0.5);
     models_prepare(&hapfmt_models);

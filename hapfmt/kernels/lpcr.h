@@ -462,7 +462,7 @@ enum { QUIET = 2 * 256, SURE = 1024 };
 /* Whether numbers are so quiet and many that a class would be larger. */
 static int surely_quiet(const int64_t *numbers, int64_t count)
 {
-    int64_t left = count < SURE ? 0 : count / 2;
+    int64_t left = count < SURE ? 0 : 2 * count / 3;
     for (int64_t i = 0; i < count && left > 0; i++) {
         int64_t u = numbers[i] < 0 ? -numbers[i] : numbers[i];
         left = u < left ? left - u : 0;

@@ -271,11 +271,12 @@ class Decoded:
 
     track: Track
     store: Memory = MEMORY
+    expected: int = 0
     spans: list[Span] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.pieces = GrowingArray(self.store)
-        self.doubles = GrowingArray(self.store)
+        self.pieces = GrowingArray(self.store, self.expected)
+        self.doubles = GrowingArray(self.store, self.expected)
         """Exact values, for each of the pieces or for none."""
 
     def add(

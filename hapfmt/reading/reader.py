@@ -10,6 +10,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
+from math import ceil
 from typing import Any, BinaryIO
 
 from ..clocks import ClockMap, ClockObservation, on_channels
@@ -111,6 +112,9 @@ def check_digested(catalogue: Catalogue, ids: Collection[int], at: int, *, harme
     if any(i in tracks and tracks[i].kind == "events" for i in ids):
         raise FormatError("Tracks of events have no checksum", requirement="DGS-001", offset=at)
 
+
+PLAUSIBLE = 64
+"""Values for each byte of a file, above which no room is made before they are decoded."""
 
 IN_FLIGHT = 1 << 19
 """Samples that are decoded ahead of those that are delivered, by all threads together; a packet of
@@ -378,7 +382,9 @@ class Reader(Closing):
     ) -> Assembly:
         """The decoded parts of some channels, before they are put together."""
         wanted = wanted_tracks(chosen, band)
-        decoded = {track.id: Decoded(track, store) for track in wanted}
+        whole = store.on_disk and start is None and stop is None
+        rows = self.expected_rows(wanted) if whole else {}
+        decoded = {track.id: Decoded(track, store, rows.get(track.id, 0)) for track in wanted}
         samples = 0
         assembly = Assembly(decoded, band)
         digests = None
@@ -402,6 +408,12 @@ class Reader(Closing):
         if digests is not None:
             digests.compare({span.track for span in self.lost})
         return assembly
+
+    def expected_rows(self, tracks: Sequence[Track]) -> dict[int, int]:
+        """By track, the ticks of the whole recording; none where few of them can have samples."""
+        rows = {track.id: ceil(self.duration * track.rate) for track in tracks}
+        values = sum(rows[track.id] * len(track.components) for track in tracks)
+        return rows if values <= PLAUSIBLE * self.source.size else {}
 
     def events(
         self,
