@@ -399,7 +399,7 @@ def draw(cases: Cases, path: Path, repeats: int) -> None:
 
 
 def cases_of(known: Sequence[tuple[str, hapfmt.Recording]], data: Path) -> Cases:
-    """A stylus on a simulated texture, three recordings, walks, and counts beside doubles; or all
+    """A stylus on a simulated texture, three recordings, walks, and counts with doubles; or all
     that are given."""
     named = dict(known)
     if data != DATA or not all(path in named for path in CASES.values()):

@@ -254,7 +254,7 @@ FRESH, SAME, KNOWN = range(3)
 """A count that was not met before in the packet, that of the sample before, another one."""
 
 TABLED = 8
-"""Counts whose range is at most so many times their number are ranked by a table."""
+"""Counts are ranked by a table if their range is at most eight times their number."""
 
 TOO_WIDE = 2
 """What the compiled loop returns where a rule takes integers of more than 62 bits."""

@@ -66,7 +66,7 @@ CHEAP = 4
 """Bits a sample: a grid SPARSE times finer than the natural one costs at least as much."""
 
 FINE = 16
-"""Bits a sample that a binary grid hardly ever comes down to."""
+"""A binary grid takes more bits a sample than this, with few exceptions."""
 
 SMALLER, SMALLER_SHORT, LONGER, SHORT_OF = 0.98, 0.94, 1.03, 1.045
 """Words that are estimated to take less than this share of a binary grid are smaller. Short packets
@@ -182,17 +182,21 @@ def bytes_of_words(x: Doubles) -> float:
     for plane in looked.T:
         seen = np.bincount(plane)
         seen = seen[seen > 0]
-        # Of few samples it is underestimated (G. A. Miller, 1955).
+        # Few samples have too little of it (G. A. Miller, 1955).
         missing = (seen.size - 1) / (2 * log(2) * plane.size)
         bits += min(float((seen * np.log2(plane.size / seen)).sum()) / plane.size + missing, 8.0)
     return bits * x.size / 8
 
 
 def bytes_of(candidate: Candidate, x: Doubles) -> float:
-    """About how many bytes counts with exact values take where no values repeat."""
+    """About how many bytes counts with exact values take where no values repeat; 0 where that is
+    not known."""
     looked: Doubles = pieces_of(x).ravel().astype(np.float64)
     counts: Counts = pieces_of(candidate.counts).astype(np.int64)
-    lacking = lacking_of(looked, candidate.parameters, candidate.affine, counts.ravel())
+    try:
+        lacking = lacking_of(looked, candidate.parameters, candidate.affine, counts.ravel())
+    except ValueError:
+        return 0.0
     moved = np.abs(lacking.corrections.astype(np.float64))
     bits = bits_of(counts.astype(np.float64)) + float(np.log2(1.0 + 2.0 * moved).mean())
     return SHORT_OF * bits * x.size / 8
@@ -258,7 +262,7 @@ def natural_candidate(
             )
     u = search.few
     rules: list[ExactParameters] = []
-    found: Trial | None = None
+    found: RuleTrial | None = None
     known: set[Calibration] = set()
     for lattice in search.natural_lattices(exact):
         if lattice.calibration in known:
@@ -267,7 +271,7 @@ def natural_candidate(
         rules = rules or [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *printed_rule(u)]
         # Counts are sorted as u is.
         first = np.flatnonzero(np.diff(lattice.counts, prepend=lattice.counts[0] - 1))
-        near = Values(lattice.calibration, lattice.counts[first], u[first])
+        near = DistinctCounts(lattice.calibration, lattice.counts[first], u[first])
         for rule in rules:
             found = better(found, Candidate(near.calibration, near.counts, rule, ""), near)
         if len(known) == 1 and not (found and found.bits < SURE * near.counts.size):
@@ -287,7 +291,7 @@ def natural_candidate(
     return replace(best, counts=counts.astype(np.int64), how=how)
 
 
-class Values(NamedTuple):
+class DistinctCounts(NamedTuple):
     """Distinct counts, and one of the values of each."""
 
     calibration: Calibration
@@ -295,15 +299,15 @@ class Values(NamedTuple):
     doubles: Doubles
 
 
-class Trial(NamedTuple):
+class RuleTrial(NamedTuple):
     """A rule, and about how many bits the corrections of some values have in all."""
 
     bits: float
     way: Candidate
-    near: Values
+    near: DistinctCounts
 
 
-def better(found: Trial | None, way: Candidate, near: Values) -> Trial | None:
+def better(found: RuleTrial | None, way: Candidate, near: DistinctCounts) -> RuleTrial | None:
     """The one with the shorter corrections."""
     rule = way.parameters
     try:
@@ -312,10 +316,10 @@ def better(found: Trial | None, way: Candidate, near: Values) -> Trial | None:
         return found
     bits = float(np.log2(1.0 + np.abs(corrections.astype(np.float64))).sum())
     bits += way.described
-    return Trial(bits, way, near) if found is None or bits < found.bits else found
+    return RuleTrial(bits, way, near) if found is None or bits < found.bits else found
 
 
-def gained_ways(near: Values, x: Doubles) -> Iterator[Candidate]:
+def gained_ways(near: DistinctCounts, x: Doubles) -> Iterator[Candidate]:
     """Counts times a gain, and an offset: as most programs do it, both numbers being doubles.
 
     The offset may be many steps, so that counts begin elsewhere. It is known by some ulp of the
@@ -364,15 +368,13 @@ def offsets_of(counts: Counts, x: Doubles, gains: Doubles) -> tuple[Doubles, Dou
 def shortest_between(low: float, high: float) -> float:
     """The number with the fewest digits."""
     middle = low / 2 + high / 2
+    if low <= 0 <= high:
+        return 0.0
     texts = (f"{middle:.{digits}e}" for digits in range(17))
-    return (
-        next((x for x in map(float, texts) if low <= x <= high), middle)
-        if low > 0 or high < 0
-        else 0.0
-    )
+    return next((x for x in map(float, texts) if low <= x <= high), middle)
 
 
-def cubic_ways(near: Values) -> Iterator[Candidate]:
+def cubic_ways(near: DistinctCounts) -> Iterator[Candidate]:
     """Polynomials of degree 3 through the values of their counts: what converters with a linearised
     scale give. They differ in the lowest bits of the slope."""
     if near.counts.size < FITTED:
@@ -436,7 +438,7 @@ def decimals_of(u: Doubles) -> int | None:
     return None
 
 
-def decimal_way(near: Values, u: Doubles, x: Doubles) -> Iterator[Candidate]:
+def decimal_way(near: DistinctCounts, u: Doubles, x: Doubles) -> Iterator[Candidate]:
     """The line through the values of the counts, which then are rounded to that many decimals;
     some of all samples x tell more of it than the few values u."""
     decimals = decimals_of(u)

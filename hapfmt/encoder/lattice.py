@@ -137,7 +137,7 @@ FEW, PIECES, PIECE, SPREAD = 1024, 4, 64, 256
 samples of the whole channel."""
 
 ROUNDS = 16
-"""After so many samples off the grid all values are searched."""
+"""After 16 samples off the grid all values are searched."""
 
 GRID_STEPS = 3
 """How many 1-2-5 steps to try, from the largest on. Only the rounding of float64 makes one fail. If
