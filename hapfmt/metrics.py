@@ -57,6 +57,11 @@ TEXTURE_BLOCK = 512
 """Protocol of :func:`st_sim` and :func:`spqi`: the perceptual curve of both measures is defined for
 8 kHz; the edges hold the transients of both filters."""
 
+ST_SIM_DB = 12.0
+"""Spread of the normal distribution that weighs a spectrum."""
+
+_EPS = float(np.finfo(float).eps)
+
 TEXTURE_MOST = 1 << 15
 """Largest up- or downsampling factor to 8 kHz. The filter of the polyphase resampling has 20 taps
 per unit of the larger factor: 655 381 taps, 5 MB. The rate is off by 3e-5 at most."""
@@ -320,6 +325,52 @@ def st_sim(f: NDArray[Any], y: NDArray[Any], rate_hz: float | Fraction) -> float
     return _by_package("stsim", "st_sim", f, y, rate_hz, eta=ST_SIM_EXPONENT)
 
 
+class Similarity:
+    """ST-SIM of many signals to one f, for a search: :func:`st_sim` within rounding, all blocks at
+    once."""
+
+    def __init__(self, f: NDArray[Any], rate_hz: float | Fraction) -> None:
+        self.threshold = (
+            require_package("perception", "signal")
+            .PerceptualThreshold(TEXTURE_RATE_HZ)
+            .calculate(TEXTURE_BLOCK)
+        )
+        self.rate_hz = rate_hz
+        self.f = np.asarray(f, np.float64)
+        self.silent, self.normal, self.support = self._parts(self.f)
+
+    def of(self, y: NDArray[Any]) -> float:
+        _, y = _pair(self.f, y)
+        if np.array_equal(self.f, y):
+            return 1.0
+        silent, normal, support = self._parts(y)
+        if silent or self.silent:
+            return float(silent and self.silent)
+        temporal, spectral = (
+            float(((a * b).sum(axis=1) / ((a * a).sum(axis=1) + _EPS)).mean())
+            for a, b in ((self.normal, normal), (self.support, support))
+        )
+        eta = ST_SIM_EXPONENT
+        return temporal**eta * spectral ** (1 - eta) if temporal > 0 else 0.0
+
+    def _parts(
+        self, x: NDArray[np.float64]
+    ) -> tuple[bool, NDArray[np.float64], NDArray[np.float64]]:
+        """Whether there is no texture; the blocks with mean 0 and spread 1; and how far their
+        spectra are above the threshold, by the normal distribution."""
+        from scipy import fft, special
+
+        texture = _texture_8khz(x, self.rate_hz, NAMES["st_sim"])
+        size = texture.size // TEXTURE_BLOCK * TEXTURE_BLOCK
+        blocks = texture[:size].reshape(-1, TEXTURE_BLOCK)
+        away = blocks - blocks.mean(axis=1, keepdims=True)
+        normal = away / (away.std(axis=1, keepdims=True) + _EPS)
+        with np.errstate(divide="ignore"):
+            level = 20 * np.log10(np.abs(fft.dct(blocks, norm="ortho")))
+        support = special.ndtr((level - self.threshold) / ST_SIM_DB)
+        return not np.any(texture), normal, np.asarray(support)
+
+
 def spqi(f: NDArray[Any], y: NDArray[Any], rate_hz: float | Fraction) -> float:
     """Spectral perceptual quality index SPQI of two [ticks] signals, in [0, 1]; 1 where y equals f.
 
@@ -348,10 +399,10 @@ def resampling_8khz(rate_hz: float | Fraction) -> Fraction:
     return exact.limit_denominator(max(int(TEXTURE_MOST / max(exact, Fraction(1))), 1))
 
 
-def require_package(module: str = "stsim") -> ModuleType:
+def require_package(module: str = "stsim", part: str = "metrics") -> ModuleType:
     """A module of the package vibromaf; MissingExtraError with the command that installs it."""
     try:
-        return import_module(f"vibromaf.metrics.{module}")
+        return import_module(f"vibromaf.{part}.{module}")
     except ImportError as error:
         raise MissingExtraError("vibromaf", "metrics") from error
 

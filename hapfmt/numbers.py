@@ -128,6 +128,8 @@ def tick_range(
     rate: Fraction, start: Fraction | float | None, stop: Fraction | float | None
 ) -> tuple[int, int]:
     """Ticks from ceil(start * rate) to ceil(stop * rate), exactly (SPEC clause 7)."""
+    if start is None and stop is None:
+        return 0, 1 << 62
 
     def tick(seconds: Fraction | float) -> int:
         product = exact(seconds) * rate

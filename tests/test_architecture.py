@@ -120,11 +120,16 @@ HEAVY = {
 
 
 @cache
+def tree(name: str) -> ast.Module:
+    return ast.parse(MODULES[name].read_text(encoding="utf-8"))
+
+
+@cache
 def imports(name: str) -> set[str]:
     """Modules that a module names in any import; those of the package as in MODULES."""
     here = f"hapfmt.{name}".split(".")[:-1]
     found = set()
-    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+    for node in ast.walk(tree(name)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -156,8 +161,8 @@ def test_a_class_name_has_one_meaning():
     """Classes within functions and classes count too."""
     found = [
         node.name
-        for path in MODULES.values()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for name in MODULES
+        for node in ast.walk(tree(name))
         if isinstance(node, ast.ClassDef)
     ]
     assert len(found) > 100

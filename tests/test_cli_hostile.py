@@ -9,7 +9,7 @@ from pathlib import Path
 import fault_table
 import forge as f
 import pytest
-from depth import DEEP, deep
+from depth import deep, either
 from fuzzing import TARGETS
 from spec import ROOT
 from terminal import called
@@ -137,10 +137,11 @@ def test_faults(name, tmp_path):
 PAYLOADS = {"head": "HEAD", "tracks": "TRAK", "cluster": "DATA", "metadata": "mETa"}
 
 
+@either("every", 3, deep=1)
 @pytest.mark.parametrize("name", PAYLOADS)
-def test_payloads_in_a_file(name, tmp_path):
+def test_payloads_in_a_file(name, every, tmp_path):
     """Every input of a parser where a file has it."""
-    for path in sorted((CORPUS / name).iterdir())[:: 1 if DEEP else 3]:
+    for path in sorted((CORPUS / name).iterdir())[::every]:
         data = path.read_bytes()
         payload = data[1:] if name == "tracks" else data
         parts = {"HEAD": f.head(), "TRAK": f.trak(), "DATA": f.DATA_0[1], "mETa": b"{}"}

@@ -145,7 +145,7 @@ def viewer():
         yield one.open
 
 
-@either("count", 30, deep=2000)
+@either("count", 30, 400, 2000)
 def test_every_way_to_read_agrees(count, viewer, tmp_path):
     """
     REC-013: A reader MUST take the file id that `identify` gives, unless its caller names another. It reports each other id that `walk` meets, with both ids. Every way to read a file takes the same id: whole, in part, by an index, or while it grows. An index is used only where `HEAD` and `last` of `identify` have the same id.

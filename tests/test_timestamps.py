@@ -134,6 +134,7 @@ def is_on_the_page(rows: list[list[str]]) -> bool:
     return "".join(f"| {' | '.join(row)} |\n" for row in rows) in page
 
 
+@pytest.mark.deep
 def test_the_table_of_wrong_ticks():
     assert is_on_the_page([*islice(stamps.rows(), 1)])
 

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
-from math import inf
 
 import numpy as np
 
@@ -217,15 +216,19 @@ def encode_bounded(
     smallest: int | None = None,
     *,
     knots_alone: bool = False,
+    effort: Effort | None = None,
 ) -> Unit | None:
     """Each sample within max(k * |x|, floor): the smallest of grids and knots, or of ``knots
     alone``; None where none of them is below ``smallest`` bytes."""
     bound = bound_of(source, promise)
     if len(source.channels) == 1 and not bound.slack and not promise.k:
-        return encode_lossless(source, base)
-    ways = vector_ways(source, bound)
-    if len(source.channels) == 1:
-        ways = likely_ways(source, base, bound, knots_alone=knots_alone, smallest=smallest)
+        return encode_lossless(source, base, effort)
+    if len(source.channels) > 1:
+        ways = vector_ways(source, bound)
+    elif effort and effort.every_form:
+        ways = scalar_ways(source, bound)[: KNOT_WAYS if knots_alone else None]
+    else:
+        ways = likely_ways(source, base, bound, knots_alone=knots_alone)
     best: tuple[Coded, str] | None = None
     for why, code in ways:
         if (coded := code(base, smallest)) and (smallest is None or coded.size < smallest):
@@ -248,11 +251,8 @@ def scalar_ways(source: InputBlock, bound: Bound) -> list[Way]:
     even, grid = even_grid(bound), grid_within(bound)
     ways: list[Way] = [
         ("fewest held steps", lambda base, _: code_held(source, base, bound)),
-        (
-            "fewest held levels",
-            lambda base, smallest: code_held_levels(source, base, bound, smallest),
-        ),
-        ("fewest lines", lambda base, smallest: code_lines(source, base, bound, smallest)),
+        (LEVELS, lambda base, smallest: code_held_levels(source, base, bound, smallest)),
+        (LINES, lambda base, smallest: code_lines(source, base, bound, smallest)),
     ]
     if grid.kn:
         growing = "each sample from those before, in steps that grow with the value"
@@ -272,52 +272,53 @@ NEAR = 1.06
 LEAST = 16
 """Held pieces of a window; channels that have fewer are looked at as a whole."""
 
+LEVELS, LINES = "fewest held levels", "fewest lines"
+JOINS, GRID_JOINS = {LEVELS: 0, LINES: 2}, 3
+"""Bytes that a stretch more takes than the same samples in a whole channel."""
+
 FEW, DENSE, DENSER, CHEAP = 64, 0.35, 0.7, 1.5
 """Held pieces up to which varints may be smaller; held pieces a sample from which lines never are;
-bytes of the quick estimate for each held piece from which on the grid never is (measured)."""
+bytes of the quick estimate for each held piece from which on the grid never is. Where the
+grid does not grow with the value, lines are tried up to DENSER (measured)."""
 
 
-def likely_ways(
-    source: InputBlock, base: Track, bound: Bound, *, knots_alone: bool, smallest: int | None
-) -> list[Way]:
-    """The ways that may be the smallest, the likeliest first."""
+def likely_ways(source: InputBlock, base: Track, bound: Bound, *, knots_alone: bool) -> list[Way]:
+    """The ways that may be the smallest, the likeliest first.
+
+    How many pieces are held tells which ways never are. Where there are many pieces, stretches with
+    as many pieces each are coded in all other ways.
+    """
     plain, levels, lines, *grids = scalar_ways(source, bound)
-    looked, block = source.counts[:, 0].astype(np.int64), source
-    ticks = fewest_hold(*tube_of(looked, bound))[0]
-    held, size = ticks.size, looked.size
-    few = held // (SAMPLED * WINDOWS)
-    if few >= LEAST:
+    x, grid = source.counts[:, 0].astype(np.int64), grid_within(bound)
+    ticks = fewest_hold(*tube_of(x, bound))[0]
+    held, few = ticks.size, ticks.size // (SAMPLED * WINDOWS)
+    sampled = few >= LEAST
+    looked = x
+    if sampled:
         firsts = held * np.arange(1, 2 * WINDOWS, 2) // (2 * WINDOWS) - few // 2
-        looked = np.concatenate([looked[ticks[k] : ticks[k + few]] for k in firsts])
-        block = InputBlock(source.channels, looked[:, None], (Span(0, looked.size),))
-    ways, grid = [levels], grid_within(bound)
-    if ticks.size <= FEW:
+        looked = np.concatenate([x[ticks[k] : ticks[k + few]] for k in firsts])
+    ways = [levels]
+    if held <= FEW:
         ways.append(plain)
-    if held <= (DENSE if grid.kn else DENSER) * size:
+    if held <= (DENSE if grid.kn else DENSER) * x.size:
         ways.append(lines)
     if not knots_alone:
-        estimates = [quick_estimate(nearest_uniform(looked, even_grid(bound)))]
+        bits = [quick_estimate(nearest_uniform(looked, even_grid(bound)))]
         if grid.kn:
-            estimates.insert(0, quick_estimate(nearest_level(looked, grid)))
-        place = int(np.argmin(estimates))
-        if block is not source or estimates[place] < 8 * CHEAP * held:
-            ways.append(grids[place])
-    if block is source or len(ways) == 1:
+            bits.insert(0, quick_estimate(nearest_level(looked, grid)))
+        if sampled or min(bits) < 8 * CHEAP * held:
+            ways.append(grids[bits.index(min(bits))])
+    if not sampled or len(ways) == 1:
         return ways
-    tried = scalar_ways(block, bound)
-    names = [why for why, _ in ways]
-    sizes = {why: coded.size for why, code in tried if why in names and (coded := code(base, None))}
-    if lines[0] in sizes:
-        # Between windows there are knots more.
-        sizes[lines[0]] -= 2 * WINDOWS
-    for why, _ in grids:
-        if why in sizes:
-            sizes[why] -= 3 * WINDOWS
-    least = min(sizes.values())
-    return sorted(
-        (way for way in ways if sizes.get(way[0], inf) <= NEAR * least + 4),
-        key=lambda way: sizes[way[0]],
-    )
+    block = InputBlock(source.channels, looked[:, None], (Span(0, looked.size),))
+    allowed = {why for why, _ in ways}
+    sizes: dict[str, int] = {}
+    for why, code in scalar_ways(block, bound):
+        if why in allowed and (coded := code(base, None)):
+            sizes[why] = coded.size - WINDOWS * JOINS.get(why, GRID_JOINS)
+    least = min(sizes.values()) * NEAR + 4
+    near = [(size, why) for why, size in sizes.items() if size <= least]
+    return [way for _, why in sorted(near) for way in ways if way[0] == why]
 
 
 def even_grid(bound: Bound) -> LpcParameters:
@@ -367,5 +368,5 @@ def hopeless(pieces: Iterable[Indices], size: int) -> bool:
 
 
 def lossless_bits(source: InputBlock) -> float:
-    """A lower estimate of the bits of one channel without loss."""
-    return HOPE * sum(quick_estimate(rows[:, 0]) for _, rows in source.pieces(source.counts))
+    """A quick estimate of the bits of one channel without loss."""
+    return sum(quick_estimate(rows[:, 0]) for _, rows in source.pieces(source.counts))

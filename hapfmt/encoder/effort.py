@@ -36,6 +36,13 @@ class Effort:
     undifferenced: bool = True
     """Predictors are also of the samples, not only of their differences."""
 
+    polynomials: bool = True
+    """Doubles near to a grid are tried as a polynomial of their counts, and as decimals."""
+
+    every_form: bool = False
+    """Doubles, channels with an error, and channels that are linked, are written in each form, not
+    only in the one that estimates tell."""
+
     every_sample: bool = False
     """Estimates look at each sample, not at one in three."""
 
@@ -75,9 +82,10 @@ EFFORTS: dict[EffortName, Effort] = {
         high_orders=False,
         plain_sums=False,
         undifferenced=False,
+        polynomials=False,
     ),
     "default": Effort(),
-    "best": Effort(every_sample=True, other_orders=True, written=6, lines=True),
+    "best": Effort(every_form=True, every_sample=True, other_orders=True, written=6, lines=True),
 }
 
 SEARCHES = tuple(field.name for field in fields(Effort) if field.type == "bool")

@@ -47,6 +47,7 @@ from ..format.track import Affine
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..numbers import build_varint, parse_varint
 from ..recording import Calibration, Channel, Span
+from .effort import EFFORTS, Effort
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, nearest_within
 from .lengths import bits_of, pieces_of
@@ -72,12 +73,21 @@ SMALLER, SMALLER_SHORT, LONGER, SHORT_OF = 0.98, 0.94, 1.03, 1.045
 take LONGER words (1.00 to 1.07 measured where they do not repeat). The estimate of a binary grid is
 multiplied by SHORT_OF (1.01 to 1.08 measured)."""
 
-RECALLED, SELDOM = 1024, 20
-"""Samples that tell whether counts repeat, half of them neighbours: in one of 20 at least."""
+RECALLED, SELDOM, RARE = 1024, 20, 2000
+"""Samples that tell whether counts repeat, half of them neighbours: in one of 20 at least. Fewer
+corrections than one in 2000 samples take less than a hundredth of a bit."""
 
 SURE, ROUNDED = 0.02, 0.4
 """Bits of a correction of one distinct value: a rule that leaves fewer is that of the logger. One
 that leaves more may be followed by a polynomial, or by decimals."""
+
+GAINS, ULPS, FIRST_OFFSETS, GAINED = 64, 16, 8, 2048
+"""Gains that are tried on either side of the step at most; it is known by 16 ulp of the values. One
+of 8 values rules most of them out. Samples that an offset must suit."""
+
+SHIFTED, OFFSETS, OFFSET_UNIT, OFFSET_NEAR = 4096, 3, 1e-7, 1e-5
+"""Most steps of an offset; how many offsets are tried, those with seven decimals: an offset is
+known by more digits."""
 
 TRIALS, FITTED_LINE = 512, 8192
 """Distinct values that a polynomial is fitted to, and samples that a line is."""
@@ -95,6 +105,11 @@ class Candidate:
     counts: Counts
     parameters: ExactParameters
     how: str
+
+    @property
+    def described(self) -> int:
+        """Bits of coefficients that are not 0."""
+        return 64 * int(np.count_nonzero(self.parameters.coefficients))
 
     @property
     def affine(self) -> Affine:
@@ -117,6 +132,7 @@ def encode_doubles(
     *,
     exact: Lattice | None = None,
     grid: bool = True,
+    effort: Effort | None = None,
 ) -> Unit:
     """The smallest way to keep a floating point channel bit for bit: counts and exact values, or
     ``otherwise``.
@@ -125,10 +141,11 @@ def encode_doubles(
     where estimates tell that a binary grid is smaller. ``exact``: the grid that holds the values
     exactly, if one exists. ``grid``: whether to try a binary grid; ``otherwise`` are words then.
     """
-    x = search.values
+    x, effort = search.values, effort or EFFORTS["default"]
     if not x.size or not search.facts.finite:
         return otherwise()
-    natural = coded_as(channel, x, spans, first_channel, natural_candidate(search, exact))
+    candidate = natural_candidate(search, exact, polynomials=effort.polynomials)
+    natural = coded_as(channel, x, spans, first_channel, candidate, effort)
     search.forget()
     if natural and 8 * natural.size < CHEAP * x.size:
         return natural.unit
@@ -137,13 +154,14 @@ def encode_doubles(
         return min([*units, otherwise()], key=lambda unit: unit.size)
     # Estimates know nothing of values that repeat.
     part = x[middle_of(spans)]
-    words, surely = 0.0 if repeats(part) else bytes_of_words(x), SMALLER
+    unknown = effort.every_form or repeats(part)
+    words, surely = 0.0 if unknown else bytes_of_words(x), SMALLER
     if part.size < APART:
         words, surely = words * LONGER, SMALLER_SHORT
     if not (units and 8 * units[0].size < FINE * x.size):
         candidate = binary_grid(x)
         if candidate and (not words or words > surely * bytes_of(candidate, x)):
-            found = coded_as(channel, x, spans, first_channel, candidate)
+            found = coded_as(channel, x, spans, first_channel, candidate, effort)
             units += [found.unit] if found else []
     if not units or words < min(unit.size for unit in units):
         units.append(otherwise())
@@ -186,6 +204,7 @@ def coded_as(
     spans: Sequence[Span],
     first_channel: int,
     candidate: Candidate | None,
+    effort: Effort,
 ) -> Beside | None:
     if candidate is None:
         return None
@@ -212,7 +231,7 @@ def coded_as(
         def code(part: slice, values: Doubles = values, counts: Counts = counts) -> bytes:
             x, given = values[part], counts[part]
             lacking = lacking_of(x, candidate.parameters, candidate.affine, given)
-            return beside_counts(encode_best(given), lacking)
+            return beside_counts(encode_best(given, effort), lacking)
 
         try:
             for part, data in fitting_packets(span, counts, code):
@@ -226,7 +245,9 @@ def coded_as(
     return Beside(Unit(coded, None, "predicted + exact", reason, exact=True), beside)
 
 
-def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate | None:
+def natural_candidate(
+    search: LatticeSearch, exact: Lattice | None, *, polynomials: bool = True
+) -> Candidate | None:
     """The natural grid and the rule with the shortest corrections, by distinct values."""
     if search.has_negative_zero:
         exact = None if isinstance(search.exact, str) else search.exact
@@ -249,12 +270,15 @@ def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate
         near = Values(lattice.calibration, lattice.counts[first], u[first])
         for rule in rules:
             found = better(found, Candidate(near.calibration, near.counts, rule, ""), near)
-        if found and found.bits < SURE * near.counts.size:
+        if len(known) == 1 and not (found and found.bits < SURE * near.counts.size):
+            for way in gained_ways(near, search.values):
+                found = better(found, way, near)
+        if found and found.bits < SURE * near.counts.size + found.way.described:
             break
     if not found:
         return None
     near, best = found.near, found.way
-    if found.bits >= ROUNDED * near.counts.size:
+    if polynomials and found.bits >= ROUNDED * near.counts.size:
         for way in (*cubic_ways(near), *decimal_way(near, u, search.values)):
             found = better(found, way, near)
             best = found.way if found else best
@@ -283,12 +307,69 @@ def better(found: Trial | None, way: Candidate, near: Values) -> Trial | None:
     """The one with the shorter corrections."""
     rule = way.parameters
     try:
-        corrections = corrections_of(near.doubles, rule.values(near.counts, way.affine))
+        corrections = corrections_of(near.doubles, rule.values(way.counts, way.affine))
     except ValueError:
         return found
     bits = float(np.log2(1.0 + np.abs(corrections.astype(np.float64))).sum())
-    bits += 64 * len(rule.coefficients)
+    bits += way.described
     return Trial(bits, way, near) if found is None or bits < found.bits else found
+
+
+def gained_ways(near: Values, x: Doubles) -> Iterator[Candidate]:
+    """Counts times a gain, and an offset: as most programs do it, both numbers being doubles.
+
+    The offset may be many steps, so that counts begin elsewhere. It is known by some ulp of the
+    values, and is supposed to have few decimals."""
+    calibration = near.calibration
+    step, base = float(calibration.step), calibration.b / calibration.d
+    shifts = np.arange(-SHIFTED, SHIFTED + 1)
+    units = (base - shifts * step) / OFFSET_UNIT
+    likely = shifts[np.abs(units - np.rint(units)) < OFFSET_NEAR].tolist()
+    largest, extent = float(np.abs(near.doubles).max()), int(np.ptp(near.counts)) or 1
+    unit = float(np.spacing(abs(step)))
+    reach = np.ceil(ULPS * float(np.spacing(largest)) / extent / unit)
+    reach = float(min(max(reach, ULPS), GAINS))
+    gains: Doubles = step + np.arange(-reach, reach + 1) * unit
+    more = np.ascontiguousarray(x[:: -(-x.size // GAINED)])
+    for shift in sorted(likely, key=abs)[:OFFSETS]:
+        few = gains
+        for stride in (FIRST_OFFSETS, 1):
+            part = slice(None, None, stride)
+            few, low, high = offsets_of(near.counts[part] + shift, near.doubles[part], few)
+        if few.size:
+            counts = nearest_within(more, calibration, inf)[0] + np.int64(shift)
+            few, low, high = offsets_of(counts, more, few)
+        for gain, one, other in list(zip(few, low, high, strict=True))[few.size // 2 :][:1]:
+            offset = shortest_between(float(one), float(other))
+            moved = near.counts + shift
+            rule = ExactParameters(CUBIC, 0, (offset, float(gain), 0.0, 0.0))
+            b = calibration.b - shift * calibration.a
+            if abs(b) < AFFINE_LIMIT:
+                yield Candidate(Calibration(calibration.a, b, calibration.d), moved, rule, "")
+
+
+def offsets_of(counts: Counts, x: Doubles, gains: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    """The gains with which an offset gives all of x, and between which numbers it lies."""
+    products = gains[:, None] * counts.astype(np.float64)
+    rest = x - products
+    back = rest - x
+    missing = (x - (rest - back)) - (products + back)
+    half: Doubles = np.spacing(np.abs(x)) / 2
+    low = (rest + (missing - half)).max(axis=1)
+    high = (rest + (missing + half)).min(axis=1)
+    fits = low <= high
+    return gains[fits], low[fits], high[fits]
+
+
+def shortest_between(low: float, high: float) -> float:
+    """The number with the fewest digits."""
+    middle = low / 2 + high / 2
+    texts = (f"{middle:.{digits}e}" for digits in range(17))
+    return (
+        next((x for x in map(float, texts) if low <= x <= high), middle)
+        if low > 0 or high < 0
+        else 0.0
+    )
 
 
 def cubic_ways(near: Values) -> Iterator[Candidate]:
@@ -412,8 +493,11 @@ def beside_counts(coded: bytes, lacking: Lacking) -> bytes:
 
 
 def smallest_exact(lacking: Lacking) -> bytes:
-    """With recall or without; with it only where counts repeat in some of the samples."""
+    """With recall or without; with it only where counts repeat in some of the samples, and where
+    corrections are not rare."""
     half, counts = RECALLED // 2, lacking.counts
+    if RARE * np.count_nonzero(lacking.corrections) < counts.size:
+        return lacking.build(recall=False)
     counts = np.concatenate((counts[:half], counts[half :: 1 + counts.size // half]))
     seldom = SELDOM * (counts.size - np.unique(counts).size) < counts.size
     ways = (False,) if seldom else (False, True)
@@ -703,6 +787,7 @@ def encode_linear(
     relations: Sequence[Relation],
     numbers: Sequence[int],
     spans: Sequence[Span],
+    effort: Effort,
 ) -> Unit | None:
     """One track of channels, in the order of their numbers; None where they have no common range
     of counts."""
@@ -746,7 +831,7 @@ def encode_linear(
         at += span.ticks
         try:
             exact = [x[part] for x in columns]
-            data, each_size = linear_packet(candidates, exact, counts[part])
+            data, each_size = linear_packet(candidates, exact, counts[part], effort)
         except ValueError:
             return None
         coded.packets.append(Packet(0, span.start, span.ticks, data))
@@ -779,11 +864,11 @@ def candidate_of(unit: Unit, x: Doubles) -> Candidate | None:
 
 
 def linear_packet(
-    candidates: Sequence[Candidate], columns: Sequence[Doubles], counts: Counts
+    candidates: Sequence[Candidate], columns: Sequence[Doubles], counts: Counts, effort: Effort
 ) -> tuple[bytes, list[int]]:
     """One packet, and how many of its bytes each component takes."""
     indices = [np.ascontiguousarray(counts[:, place]) for place in range(len(candidates))]
-    packets = [encode_best(row) for row in indices]
+    packets = [encode_best(row, effort) for row in indices]
     parts = [
         smallest_exact(lacking_of(x, each.parameters, each.affine, row, columns))
         for x, each, row in zip(columns, candidates, indices, strict=True)

@@ -33,6 +33,7 @@ from ..recording import Calibration, Channel, Deviation
 from ..spool import MEMORY, Memory
 from .plan import without_glitches
 from .rational import (
+    SMALL,
     Ratio,
     Steps,
     constant,
@@ -262,9 +263,9 @@ class Facts(NamedTuple):
 class LatticeSearch:
     """The grids of some values. Each search runs once; its result is kept.
 
-    ``given``: [sample_count], any numbers. Counts have at most ``bits`` bits. The exact grid, the
-    natural step and the few values that are searched are kept. ``values`` are kept until
-    ``forget``.
+    ``given``: [sample_count], any numbers. Counts have at most ``bits`` bits. The exact grid, with
+    its counts in ``store``, the natural step and the few values that are searched are kept.
+    ``values`` are kept until ``forget``.
     """
 
     def __init__(
@@ -365,8 +366,8 @@ class LatticeSearch:
         least = float(u[-1] - u[0]) / (1 << self.bits)
         for enough, search in (
             (0, dyadic),
-            (1, decimal),
-            (1, small_denominator),
+            (SMALL, small_denominator),
+            (SMALL, decimal),
             (PLAIN_DENOMINATOR, lambda u: stepped(u, least)),
         ):
             if u.size == 1 or (best and best.calibration.d <= enough):
@@ -471,7 +472,8 @@ def sparse(counts: NDArray[Any]) -> bool:
     if extent < SPARSE or extent >= SPARSE * counts.size:
         return extent >= SPARSE
     seen = np.zeros(extent + 1, np.bool_)
-    seen[np.subtract(counts, low, dtype=np.int64)] = True
+    for at in range(0, counts.size, SLICE):
+        seen[np.subtract(counts[at : at + SLICE], low, dtype=np.int64)] = True
     return extent >= SPARSE * int(np.count_nonzero(seen))
 
 

@@ -15,7 +15,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import ceil, log, sqrt
+from functools import cached_property
+from math import ceil, floor, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -225,6 +226,11 @@ class PacketLengths:
             root += sign * sum(load.root for load in tracks)
         return replace(self, whole=replace(self.whole, size=size), root=root)
 
+    @cached_property
+    def together(self) -> list[Fraction]:
+        """How many clusters a packet may be as long as."""
+        return [Fraction(n) for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
+
     def seconds(self, channels: Sequence[Channel], loads: Sequence[Load]) -> Fraction:
         """How long the packets of a track with these channels are."""
         load, rate = Load.of(loads), channels[0].rate_exact
@@ -243,8 +249,9 @@ class PacketLengths:
         if ticks * d * cd <= n * cn:
             pieces = round(min(parts, most))
             return Fraction(ticks * d, n * pieces) if pieces > 1 else self.cluster
-        ways = [Fraction(n) for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
-        ways += [Fraction(1, n) for n in range(2, ceil(parts / clusters) + 2)]
+        ways = [*self.together]
+        most_near = min(max(parts, least), most) / clusters
+        ways += [Fraction(1, n) for n in {floor(most_near), ceil(most_near)} if n > 1]
         # Where two ways are as near, the longer packets win.
         found = [
             (abs(log(max(count, 1.0) / parts)), count, way)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from math import inf, isfinite, log10
 from typing import Protocol
 
@@ -18,9 +19,9 @@ from ..metrics import (
     TEXTURE_BLOCK,
     TEXTURE_EDGE,
     TEXTURE_HIGH_PASS_HZ,
+    Similarity,
     resampling_8khz,
     snr_db,
-    st_sim,
 )
 from .settings import CLOSE, TEXTURE_DB, TextureQuality
 from .source import InputBlock
@@ -33,6 +34,12 @@ FIRST_DB = 12.0
 SIMILARITY_S = 30
 """ST-SIM is measured on at most this many seconds, from the middle of the longest run."""
 
+
+NEAR_ENOUGH = 0.975
+"""A search ends this near to the largest allowed error: 0.1 dB."""
+
+SHARE_OF_DB = 0.75 * CLOSE
+"""... or at this share of a target in dB, where that is less."""
 
 PEAK = 4.2
 """The largest of some ten thousand errors that are distributed normally, over their deviation."""
@@ -51,11 +58,22 @@ class Measure(Protocol):
     def note(self) -> str:
         """Why another measure than the one that was asked for is used; mostly empty."""
 
+    @property
+    def near(self) -> float:
+        """Share of the largest allowed error from which on a search ends, where tries take long."""
+
+    @property
+    def costly(self) -> bool:
+        """Whether measuring takes long."""
+
     def error(self, y: Doubles) -> float:
         """The error of decoded samples."""
 
     def error_of(self, noise: float) -> float | None:
         """The same for a mean squared error; None where it does not decide."""
+
+    def known(self, y: Doubles) -> Measure:
+        """The same, with the noise of samples that have the quality."""
 
     def value(self, y: Doubles) -> dict[str, float]:
         """The quality of decoded samples, for the user."""
@@ -79,6 +97,11 @@ class NoiseMeasure:
         return float(10 ** (-self.db / 10))
 
     noise = allowed
+    costly = False
+
+    @property
+    def near(self) -> float:
+        return float(max(NEAR_ENOUGH, self.allowed**SHARE_OF_DB))
 
     def error(self, y: Doubles) -> float:
         e = y - self.x
@@ -90,6 +113,9 @@ class NoiseMeasure:
 
     def error_of(self, noise: float) -> float | None:
         return noise / self.power if self.power and self.textured is None else None
+
+    def known(self, y: Doubles) -> NoiseMeasure:  # noqa: ARG002
+        return self
 
     def value(self, y: Doubles) -> dict[str, float]:
         error, whole = self.error(y), snr_db(self.x, y)
@@ -109,9 +135,7 @@ class ThresholdMeasure:
     x: Doubles
     floor: float
 
-    @classmethod
-    def of(cls, measure: NoiseMeasure, floor: float) -> ThresholdMeasure:
-        return cls(measure, measure.x, floor)
+    near, costly = NEAR_ENOUGH, False
 
     @property
     def allowed(self) -> float:
@@ -131,8 +155,11 @@ class ThresholdMeasure:
         largest = float(np.abs(y - self.x).max(initial=0.0))
         return min(self.of_all.error(y), self.allowed * (largest / self.floor) ** 2)
 
-    def error_of(self, noise: float) -> float | None:
+    def error_of(self, noise: float) -> float | None:  # noqa: ARG002
         return None
+
+    def known(self, y: Doubles) -> ThresholdMeasure:  # noqa: ARG002
+        return self
 
     def value(self, y: Doubles) -> dict[str, float]:
         return self.of_all.value(y)
@@ -150,22 +177,31 @@ class SimilarityMeasure:
     rate: Fraction
     wanted: float
     snr: NoiseMeasure
+    noise: float = 10 ** (-FIRST_DB / 10)
 
-    noise = 10 ** (-FIRST_DB / 10)
     note = ""
+    near, costly = NEAR_ENOUGH, True
 
     @property
     def allowed(self) -> float:
         return 1 - self.wanted
 
+    @cached_property
+    def of_original(self) -> Similarity:
+        return Similarity(self.x[self.rows], self.rate)
+
     def similarity(self, y: Doubles) -> float:
-        return st_sim(self.x[self.rows], y[self.rows], self.rate)
+        return self.of_original.of(y[self.rows])
 
     def error(self, y: Doubles) -> float:
         return max(1 - self.similarity(y), 0.0)
 
-    def error_of(self, noise: float) -> float | None:
+    def error_of(self, noise: float) -> float | None:  # noqa: ARG002
         return None
+
+    def known(self, y: Doubles) -> SimilarityMeasure:
+        error = self.snr.error(y)
+        return replace(self, noise=error) if 0 < error < 1 else self
 
     def value(self, y: Doubles) -> dict[str, float]:
         return {"st_sim": self.similarity(y), **self.snr.value(y)}

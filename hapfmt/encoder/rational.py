@@ -17,12 +17,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from fractions import Fraction
-from math import floor, frexp, gcd, lcm, ldexp, log2
+from math import ceil, floor, frexp, gcd, lcm, ldexp, log2
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels import compiled
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..numbers import rdiv
 from ..recording import Calibration
@@ -30,6 +31,9 @@ from ..recording import Calibration
 SMALLEST_COUNT, FIRST_COUNT = 256, 8
 """Smallest differences that are examined one by one. On the recordings a few settle the step.
 Values without a common step are given up after about three."""
+
+TERMS = 40
+"""Bound on the terms of a fraction: two of them at least double its denominator, twice."""
 
 STEP_ROUNDS = 128
 """Bound on passes over all positions. Each one doubles the reach or at least halves the step, and
@@ -102,6 +106,23 @@ def simplest(
     return n, m
 
 
+def simplest_near(low: float, high: float) -> tuple[float, float]:
+    """The same from low > 0 to high, about, for ends that are known by eight ulp and more; 0 where
+    the interval is empty, or too far from 0 for that."""
+    if not low <= high < EXACT_LIMIT:
+        return 0.0, 1.0
+    terms: list[float] = []
+    first = float(ceil(low))
+    while EXACT_LIMIT > first > high and len(terms) < TERMS:
+        terms.append(first - 1)
+        low, high = 1 / (high - terms[-1]), 1 / (low - terms[-1])
+        first = float(ceil(low))
+    n, m = first, 1.0
+    for term in reversed(terms):
+        n, m = term * n + m, n
+    return n, m
+
+
 def common_step(
     low: NDArray[np.float64], high: NDArray[np.float64], floor: float
 ) -> tuple[float, float, NDArray[np.int64]] | None:
@@ -161,32 +182,44 @@ def near_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
     gaps = np.diff(u)
     ordered = np.sort(gaps)
     # From the rounding of float64, doubled to where no step is left.
-    noise = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1]))) / 2
-    while (CLEARANCE - 2) * 2 * noise <= ordered[-1]:
+    noise = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1])))
+    found: Steps | None = None
+    while found is None and (CLEARANCE - 2) * noise <= ordered[-1]:
+        found = steps_with(noise, u, gaps, ordered, floor)
         noise *= 2
-        inside = int(np.searchsorted(ordered, 2 * noise, side="right"))
-        outside = int(np.searchsorted(ordered, (CLEARANCE - 2) * noise))
-        if inside != outside or inside == ordered.size:
-            continue  # some gap is neither noise nor a step
-        least = max(floor, (SHARED_CLEARANCE if inside else CLEARANCE) * noise)
-        # The cheap test first: it ends almost every attempt.
-        if any(
-            _divisor(few - 2 * noise, few + 2 * noise, least) is None
-            for few in (ordered[inside : inside + size] for size in (FIRST_COUNT, SMALLEST_COUNT))
-        ):
-            continue
-        starts = np.concatenate(([0], np.flatnonzero(gaps > 2 * noise) + 1))
-        ends = np.concatenate((starts[1:], [u.size])) - 1
-        if (u[ends] - u[starts] > 2 * noise).any():
-            continue
-        found = common_step(u[ends] - noise, u[starts] + noise, least)
-        if found is None:
-            continue
-        low, high, index = found
-        clear = (starts.size - 2) * log2(low / (2 * noise)) - 2 * log2(float(ordered[inside]) / low)
-        if clear >= CHANCE_BITS:
-            return Steps(low, high, np.repeat(index, ends - starts + 1), noise)
-    return None
+    return found
+
+
+def steps_with(
+    noise: float,
+    u: NDArray[np.float64],
+    gaps: NDArray[np.float64],
+    ordered: NDArray[np.float64],
+    floor: float,
+) -> Steps | None:
+    """The same for one noise. gaps: those of u; ordered: from the smallest on."""
+    inside = int(np.searchsorted(ordered, 2 * noise, side="right"))
+    outside = int(np.searchsorted(ordered, (CLEARANCE - 2) * noise))
+    if inside != outside or inside == ordered.size:
+        return None  # some gap is neither noise nor a step
+    least = max(floor, (SHARED_CLEARANCE if inside else CLEARANCE) * noise)
+    # The cheap test first: it ends almost every attempt.
+    for size in (FIRST_COUNT, SMALLEST_COUNT):
+        few = ordered[inside : inside + size]
+        if _divisor(few - 2 * noise, few + 2 * noise, least) is None:
+            return None
+    starts = np.concatenate(([0], np.flatnonzero(gaps > 2 * noise) + 1))
+    ends = np.concatenate((starts[1:], [u.size])) - 1
+    if (u[ends] - u[starts] > 2 * noise).any():
+        return None
+    found = common_step(u[ends] - noise, u[starts] + noise, least)
+    if found is None:
+        return None
+    low, high, index = found
+    clear = (starts.size - 2) * log2(low / (2 * noise)) - 2 * log2(float(ordered[inside]) / low)
+    if clear < CHANCE_BITS:
+        return None
+    return Steps(low, high, np.repeat(index, ends - starts + 1), noise)
 
 
 def _shortest(
@@ -204,6 +237,9 @@ def _divisor(
     least: NDArray[np.float64], most: NDArray[np.float64], floor: float
 ) -> tuple[float, float] | None:
     """The common step of differences in [least, most], in this order."""
+    if compiled is not None:
+        least, most = np.ascontiguousarray(least), np.ascontiguousarray(most)
+        return compiled.common_divisor(least, most, floor)
     lows, highs = least.tolist(), most.tolist()
     a, b = lows[0], highs[0]
     for low, high in zip(lows, highs, strict=True):
@@ -230,12 +266,7 @@ def _divide(
     times = round((low + high) / (a + b))
     if times >= 1 and low <= times * b and high >= times * a:
         return max(a, low / times), min(b, high / times)
-    # From low / b to high / a.
-    (n, m), (r, s) = low.as_integer_ratio(), b.as_integer_ratio()
-    (t, v), (w, z) = high.as_integer_ratio(), a.as_integer_ratio()
-    if n * s * v * w > t * z * m * r:
-        return None
-    p, q = simplest(n * s, m * r, t * z, v * w)
+    p, q = simplest_near(low / b, high / a)
     if not p:
         return None
     a, b = sorted((max(a / q, low / p), min(b / q, high / p)))
@@ -317,7 +348,10 @@ def dyadic(u: NDArray[np.float64]) -> Ratio | None:
 def decimal(u: NDArray[np.float64]) -> Ratio | None:
     """Exactly, with the fewest decimal places."""
     probes = u[:: max(1, u.size // PROBES)]
-    for places in range(1, PLACES + 1):
+    # The shortest text of a double tells how many places it needs at least.
+    texts = (Decimal(repr(value)) for value in probes[:: PROBES // 8].tolist())
+    least = max(-int(text.normalize().as_tuple().exponent) for text in texts)
+    for places in range(max(least, 1), PLACES + 1):
         if max(-u[0], u[-1]) * 10.0**places > EXACT_LIMIT:
             return None
         if _over(probes, 10**places) is not None:
@@ -490,9 +524,7 @@ def place(ratio: Ratio, bits: int) -> CalibratedCounts | None:
 def shortest_fraction(value: float) -> Fraction:
     """The simplest fraction that rounds to ``value`` > 0 in float64."""
     low, high, q, closed = _rounding_interval(value)
-    ratio = simplest_fraction(Fraction(low, q), Fraction(high, q), closed, closed)
-    assert ratio is not None  # the value itself lies inside
-    return ratio
+    return Fraction(*simplest(low, q, high, q, closed, closed))
 
 
 def _simplest_between(one: Fraction, other: Fraction) -> Fraction:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
-from math import exp, log, log2, sqrt
+from math import exp, inf, log, log2, sqrt
 
 import numpy as np
 
@@ -25,25 +25,19 @@ from .effort import Effort
 from .felt import Doubles, FeltChannel, counts_nearest, slow_of
 from .plan import Promise
 from .predict import quick_estimate
-from .quality import ThresholdMeasure
-from .settings import CLOSE, NO_TEXTURE
+from .quality import NoiseMeasure, ThresholdMeasure
+from .settings import NO_TEXTURE
 from .source import InputBlock
 from .synthetic import with_synthetic
 from .unit import Unit, bound_of, decode_all, in_coarser_counts, whole_range
-from .ways import CodedTrial, Way, ways_of
+from .ways import CodedTrial, Way, other_ways, predicted_ways
 
-WITHIN, CLOSEST, TRIES = 0.97, 1.05, 12
-"""Where the slow part leaves its deadband, the next step is that with WITHIN of a deadband. The
-interval to a step that leaves it is then halved, to 5 %."""
+NARROWER, JUMPS, TRIES = 0.8, 2.0, 16
+"""Where the slow part leaves its deadband, the step becomes NARROWER, or where that is far off as
+narrow as leaves it JUMPS times. The interval to a step that leaves it is halved once."""
 
 NEAR = 0.99
 """The search for a step ends where the error is at least this share of the largest allowed one."""
-
-NEAR_ENOUGH = 0.975
-"""The same where each try codes the channel: 0.1 dB."""
-
-SHARE_OF_DB = 0.75 * CLOSE
-"""... or this share of a target in dB, where that is less."""
 
 QUIETER = (Fraction(1), Fraction(1, 4), Fraction(1, 16), Fraction(1, 64))
 """Shares of the deadband that lines below a synthetic texture keep: the first one whose lines are
@@ -56,8 +50,15 @@ filter at 33 million (SPEC 9.10)."""
 HOPE = 1.4
 """A transform is left out where its estimated size is this many times the best one's."""
 
+ALIKE = 1.15
+"""Grids are tried whose estimated sizes are at most this many times the smallest one's."""
+
 PAYS, PAYS_MORE = 0.25, 0.15
 """Bits a sample, and share of those of the grid, that a transform may save at one mean error."""
+
+NARROWER_ESTIMATE = 0.98
+
+LEAST_POWER, MOST_POWER = 0.3, 6.0
 
 SEARCHED, FACTOR = 24, 4.0
 """Most steps that a search tries, and the largest factor from one to the next."""
@@ -85,7 +86,9 @@ def encode_textured(
     best: Unit | None = None
     if felt.fine and target.threshold_is_enough:
         promise = replace(promise, k=Fraction(0))
-        felt = replace(felt, measure=ThresholdMeasure.of(felt.measure, felt.floor))
+        measure = felt.measure
+        assert isinstance(measure, NoiseMeasure)  # an ST-SIM is kept whatever the threshold is
+        felt = replace(felt, measure=ThresholdMeasure(measure, measure.x, felt.floor))
     of_threshold = felt.threshold_decides
     if of_threshold or felt.deadband_may_do:
         alone = encode_bounded(source, base, promise)
@@ -95,21 +98,16 @@ def encode_textured(
             best = reported(alone, felt, samples, THRESHOLD if of_threshold else DEADBAND)
         if of_threshold and not pays(felt, alone.size) and not target.codec:
             return best
-    predicted: list[CodedTrial] = []
-    for way in ways_of(felt, original, first_channel, promise, searches):
-        if way.bits is not None:
-            best = smallest_of(predicted, felt, best)
-            predicted = []
-            if best and not target.codec and way.bits > HOPE * 8 * best.cost:
-                continue
-        trial = widest(way, felt)
-        if trial is None:
-            continue
-        if trial.indices is not None:
-            predicted.append(trial)
-        else:
+    ways = predicted_ways(felt, original, first_channel, promise)
+    trials = [trial for way in ways if (trial := widest(way, felt))]
+    best = smallest_of(trials, felt, best)
+    if trials and not trials[0].limited:
+        felt = replace(felt, measure=felt.measure.known(trials[0].samples))
+    for way in other_ways(felt, original, first_channel, promise, searches):
+        hopeless = best and way.bits is not None and way.bits > HOPE * 8 * best.cost
+        if not (hopeless and target.codec is None) and (trial := widest(way, felt)):
             best = coded(trial, felt, best)
-    return smallest_of(predicted, felt, best)
+    return best
 
 
 def pays(felt: FeltChannel, size: int) -> bool:
@@ -120,10 +118,12 @@ def pays(felt: FeltChannel, size: int) -> bool:
 
 
 def smallest_of(trials: Sequence[CodedTrial], felt: FeltChannel, best: Unit | None) -> Unit | None:
-    """The best so far, or the one of these trials that about takes the fewest bits."""
-    if len(trials) > 1:
-        trials = [min(trials, key=lambda each: bits_of(each, felt))]
-    return coded(trials[0], felt, best) if trials else best
+    """The best so far, or one of these trials that about take the fewest bits."""
+    bits = [bits_of(trial, felt) if len(trials) > 1 else 0.0 for trial in trials]
+    for trial, each in zip(trials, bits, strict=True):
+        if each <= ALIKE * min(bits):
+            best = coded(trial, felt, best)
+    return best
 
 
 def bits_of(trial: CodedTrial, felt: FeltChannel) -> float:
@@ -222,18 +222,22 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
     """
     allowed = felt.measure.allowed
     step, most = way.first, float(np.ptp(felt.x))
-    near = max(NEAR_ENOUGH, allowed**SHARE_OF_DB) if way.costly else NEAR
-    low = high = best = None
-    for _ in range(SEARCHED):
+    costly = way.costly or felt.measure.costly
+    near = felt.measure.near if costly else NEAR
+    low = high = best = before = None
+    bias, power = 1.0, 2.0
+    for _ in range(SEARCHED // 2 if costly else SEARCHED):
         trial = way.at(step)
         if trial is None:
             break
         if trial.step in (low and low[0], high and high[0]):
             break
         step = trial.step
-        error = error_of(trial, felt)
-        if error <= allowed and error >= near * allowed:
+        known = None if trial.noise is None else felt.measure.error_of(trial.noise)
+        error = inf if known is None else bias * known
+        if known is None or near * allowed <= error <= allowed:
             error = felt.measure.error(trial.samples)
+            bias = error / known if known else 1.0
         if error <= allowed:
             low, best = (step, error), trial
             if error >= near * allowed or step >= most:
@@ -242,46 +246,63 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
             high = (step, error)
         if low and high and high[0] <= low[0] * 1.0005:
             break
-        step = min(next_step(low, high, allowed * (1 + near) / 2), max(most, step))
+        if way.costly and low and high and not is_plausible(power_of(low, high)):
+            # Other classes of the entropy coder have another error.
+            low, high = (low, None) if error <= allowed else (None, high)
+        grown = power_of(before, (step, error)) if before else power
+        power = grown if is_plausible(grown) else power
+        before = step, error
+        step = min(next_step(low, high, allowed * (1 + near) / 2, power), max(most, step))
+    while best and felt.measure.error(best.samples) > allowed:
+        # An estimate that was too low.
+        best = way.at(NARROWER_ESTIMATE * best.step)
     if best is None:
         return None
     excess = felt.slow_excess(best.samples)
     if excess <= 1:
         return best
-    assert low
-    steadier = way.steadier(low[0], excess) if way.steadier else None
-    return widest(steadier, felt) if steadier else narrower(way, felt, low[0], excess)
-
-
-def error_of(trial: CodedTrial, felt: FeltChannel) -> float:
-    """The error of a trial, without decoding where that is possible."""
-    known = None if trial.noise is None else felt.measure.error_of(trial.noise)
-    return felt.measure.error(trial.samples) if known is None else known
+    steadier = way.steadier(best.step, excess) if way.steadier else None
+    return widest(steadier, felt) if steadier else narrower(way, felt, best.step, excess)
 
 
 def narrower(way: Way, felt: FeltChannel, wide: float, excess: float) -> CodedTrial | None:
     """The trial of about the widest step below ``wide`` whose slow part keeps the deadband.
 
-    excess: by how much it leaves it at ``wide``. It grows about as the step.
+    excess: by how much it leaves it at ``wide``. It grows about as the step, but jumps.
     """
-    found, low, step = None, 0.0, wide * max(WITHIN / excess, 1 / FACTOR)
+    found, low = None, 0.0
     for _ in range(TRIES):
+        step = sqrt(low * wide) if low else wide * min(NARROWER, JUMPS / excess)
         trial = way.at(step)
         if trial is None or trial.step in (low, wide):
             break
         excess = felt.slow_excess(trial.samples)
-        if excess <= 1:
-            low, found = trial.step, replace(trial, limited=True)
-            if excess >= NEAR_ENOUGH or low * CLOSEST >= wide:
-                break
-        else:
+        if excess > 1:
             wide = trial.step
-        step = sqrt(low * wide) if low else wide * max(WITHIN / excess, 1 / FACTOR)
+        else:
+            halved, low, found = bool(low), trial.step, replace(trial, limited=True)
+            if halved or excess >= NEAR:
+                break
     return found
 
 
+def power_of(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """The power of the step by which the error grows; 0 where it does not."""
+    if min(one[1], other[1]) <= 0 or one[0] == other[0]:
+        return 0.0
+    return log(one[1] / other[1]) / log(one[0] / other[0])
+
+
+def is_plausible(power: float) -> bool:
+    """Whether the error of one quantiser may grow so."""
+    return LEAST_POWER < power < MOST_POWER
+
+
 def next_step(
-    low: tuple[float, float] | None, high: tuple[float, float] | None, wanted: float
+    low: tuple[float, float] | None,
+    high: tuple[float, float] | None,
+    wanted: float,
+    power: float = 2.0,
 ) -> float:
     """The step that about has the error that is wanted. low, high: a step that is too narrow or
     right, one that is too wide, and their errors."""
@@ -292,5 +313,5 @@ def next_step(
             share = min(max(log(wanted / error_a) / log(error_b / error_a), 0.1), 0.9)
         return a * exp(share * log(b / a))
     step, error = low or high or (1.0, wanted)
-    factor = sqrt(wanted / error) if error else FACTOR
+    factor = (wanted / error) ** (1 / power) if error else 2.0
     return step * (min(max(factor, 1.003), FACTOR) if low else max(min(factor, 0.997), 1 / FACTOR))

@@ -57,9 +57,9 @@ STARTS = (0xD2, 0xD0, 0xE2, 0x24, 0xD8)
 pair, so that other pairs are not found from there. The best of these costs 0.2 % more than the best
 of all 256 pairs (seven recordings at 10 to 30 dB)."""
 
-SAMPLE, RUN = 1024, 4
-"""The classes are chosen by about as many coefficients, in runs of four blocks: 0.3 % larger than
-by all (451 packets)."""
+SAMPLE, SAMPLE_SHARE, RUN = 1024, 16, 4
+"""The classes are chosen by about as many coefficients, or one in 16, in runs of four blocks: 0.3 %
+larger than by all (451 packets)."""
 
 KEPT = SCALE
 """A column is coded where a coefficient is as large."""
@@ -304,7 +304,8 @@ class Sampled(NamedTuple):
 
 def sampled(coefficients: Doubles, steps: Integers, weight: int = LAMBDA) -> Sampled:
     """What the trellis finds in some of the blocks."""
-    count = max(SAMPLE // coefficients.shape[1], RUN)
+    size = max(SAMPLE, coefficients.size // SAMPLE_SHARE)
+    count = max(size // coefficients.shape[1], RUN)
     rows = coefficients[sample_of(len(coefficients), count)]
     whole = targets_of(rows, steps)
     scaled = kept_part(whole, KEPT)

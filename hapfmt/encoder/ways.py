@@ -76,6 +76,12 @@ deadband."""
 
 FREE_TRIALS = 2
 
+BELOW = 0.96
+"""Share of the noise that the first step aims at: all blocks have some more than those seen."""
+
+STEADIER, FURTHER = 0.7, 1.4
+"""Smaller weights also move the errors of other coefficients."""
+
 NATIVE = 4
 """A step of fewer counts of the source is tried in whole counts too: a source with few distinct
 values, such as the difference of encoder counts, loses nothing on its own grid."""
@@ -126,19 +132,42 @@ def ways_of(
     felt: FeltChannel, original: Channel, first_channel: int, promise: Promise, searches: Effort
 ) -> Iterator[Way]:
     """The ways to code a texture, or those of the only codec that was asked for."""
+    yield from predicted_ways(felt, original, first_channel, promise)
+    yield from other_ways(felt, original, first_channel, promise, searches)
+
+
+def is_native(felt: FeltChannel) -> bool:
+    """Whether a step may suit that is few counts of the source."""
+    calibration = felt.source.channels[0].calibration
+    assert calibration is not None
+    return felt.first_step < NATIVE * float(abs(calibration.step))
+
+
+def is_predicted(felt: FeltChannel, promise: Promise) -> bool:
     assert promise.texture is not None
-    codec = promise.texture.codec
-    asked = codec == "MDCT" or promise.texture.weighting > 0
-    predicted = codec != "MDCT" and not felt.threshold_decides
-    transformed = asked or (codec is None and searches.transform)
-    step, source = felt.first_step, felt.source.channels[0]
-    finer = coarser_for(original, source, step) or finer_for(source, step)
-    assert source.calibration is not None
-    native = step < NATIVE * float(abs(source.calibration.step))
-    if predicted:
+    return promise.texture.codec != "MDCT" and not felt.threshold_decides
+
+
+def predicted_ways(
+    felt: FeltChannel, original: Channel, first_channel: int, promise: Promise
+) -> Iterator[Way]:
+    """The whole signal predicted, on each grid that may suit."""
+    if is_predicted(felt, promise):
         yield way_of_whole(felt, original, first_channel)
-    if predicted and native:
-        yield way_of_counts(felt, source, first_channel)
+        if is_native(felt):
+            yield way_of_counts(felt, felt.source.channels[0], first_channel)
+
+
+def other_ways(
+    felt: FeltChannel, original: Channel, first_channel: int, promise: Promise, searches: Effort
+) -> Iterator[Way]:
+    """By MDCT, and after lines for the slow part."""
+    texture, source = promise.texture, felt.source.channels[0]
+    assert texture is not None
+    asked = texture.codec == "MDCT" or texture.weighting > 0
+    predicted = is_predicted(felt, promise)
+    transformed = asked or (texture.codec is None and searches.transform)
+    finer = coarser_for(original, source, felt.first_step) or finer_for(source, felt.first_step)
     if transformed:
         yield way_of_transform(felt, finer, first_channel)
     if not (searches.lines or felt.textured is not None):
@@ -151,7 +180,7 @@ def ways_of(
         after = way_of_lines_and_transform(felt, split)
     if after:
         yield after
-    if searches.lines and native and predicted:
+    if searches.lines and is_native(felt) and predicted:
         split = split_of(felt, source, first_channel, promise)
         if split:
             yield way_of_lines(felt, split)
@@ -385,19 +414,27 @@ def way_of_lines_and_transform(felt: FeltChannel, split: Split) -> Way | None:
     return lapped.way(track, calibration, unit_of)
 
 
+class Slow(NamedTuple):
+    """A weight for the bands of the slow part, and how many times the split frequency they reach
+    to."""
+
+    weight: int = WEIGHT_ONE
+    reach: float = SLOW_BAND
+
+
 def weighted(
-    way: Callable[[int, float], CodedTrial | None],
+    way: Callable[[Slow, float], CodedTrial | None],
     first: float,
-    weight: int = WEIGHT_ONE,
+    slow: Slow = Slow(),  # noqa: B008
     bits: float | None = None,
 ) -> Way:
-    """A way by MDCT, and after it those with smaller weights of slow coefficients."""
+    """A way by MDCT, and after it those with smaller weights of slow coefficients, and of more."""
 
     def steadier(step: float, excess: float) -> Way | None:
-        less = min(int(weight / excess), weight - 1)
-        return weighted(way, step, less) if less > 0 else None
+        less = min(int(STEADIER * slow.weight / excess), slow.weight // 2)
+        return weighted(way, step, Slow(less, FURTHER * slow.reach)) if less > 0 else None
 
-    return Way(partial(way, weight), first, True, steadier, bits)
+    return Way(partial(way, slow), first, True, steadier, bits)
 
 
 class Lapped:
@@ -422,7 +459,7 @@ class Lapped:
             known = expected.noise(step)
             found = some.errors * step**2 / some.rows.size
             if found:
-                factor = (known / found) ** (1 / self.spread.power(step))
+                factor = (BELOW * known / found) ** (1 / self.spread.power(step))
             self.bits = some.bits * self.spread.bits(step) / max(expected.bits(step), 1)
         self.first = step * factor * sqrt(2 * self.size) * count
         """The step of a uniform grid with about the same error, in the unit."""
@@ -436,8 +473,8 @@ class Lapped:
     ) -> Way:
         """unit_of: decoded counts and a function that gives the unit, of a track and its step."""
 
-        def at(weight: int, step: float) -> CodedTrial | None:
-            parameters = self.parameters(step, weight)
+        def at(slow: Slow, step: float) -> CodedTrial | None:
+            parameters = self.parameters(step, slow)
             found = self.quantised(parameters)
             if found is None:
                 return None
@@ -454,7 +491,8 @@ class Lapped:
             noise = None
             if not parameters.weights:
                 exact = sum(each.errors for each in found) * (parameters.step / UNIT) ** 2
-                ticks = sum(block.span.ticks for block in self.blocks)
+                # The last block of a packet has the same error where there is no sample any more.
+                ticks = sum(block.coefficients.size for block in self.blocks)
                 noise = (exact * self.size / 2 / ticks + 1 / 12) * self.count**2
             return CodedTrial(
                 step,
@@ -483,22 +521,21 @@ class Lapped:
                 self.classes[place] = each.classes
         return found
 
-    def parameters(self, step: float, weight: int = WEIGHT_ONE) -> TransformParameters:
+    def parameters(self, step: float, slow: Slow = Slow()) -> TransformParameters:  # noqa: B008
         counts = step / self.count / sqrt(2 * self.size)
-        even = weight == WEIGHT_ONE and not self.felt.weighting
-        weights = b"" if even else self.weights(weight)
+        even = slow.weight == WEIGHT_ONE and not self.felt.weighting
+        weights = b"" if even else self.weights(slow)
         return TransformParameters(self.size, clamp(round(UNIT * counts), 1, STEP_MOST), weights)
 
-    def weights(self, weight: int) -> bytes:
-        """Weights of bands: the steps that a person feels alike, times the weight for bands that
-        begin below SLOW_BAND times the split frequency."""
-        slow = SLOW_BAND * self.felt.cutoff_hz
+    def weights(self, slow: Slow) -> bytes:
+        """Weights of bands: the steps that a person feels alike, times the weight of slow ones."""
+        hz = slow.reach * self.felt.cutoff_hz
         bands = min(self.size, WEIGHTS_LIMIT)
         if not self.felt.weighting:
-            bands = min(1 << ceil(log2(max(self.rate / slow, 2))), bands)
+            bands = min(1 << ceil(log2(max(self.rate / SLOW_BAND / self.felt.cutoff_hz, 2))), bands)
         width = self.rate / 2 / bands
         factors = self.thresholds(np.arange(0.5, bands) * width) ** self.felt.weighting
-        factors[: min(ceil(slow / width), bands)] *= weight / WEIGHT_ONE
+        factors[: min(ceil(hz / width), bands)] *= slow.weight / WEIGHT_ONE
         return bytes(np.clip(np.rint(WEIGHT_ONE * factors), 0, 255).astype(np.uint8))
 
     def thresholds(self, hz: Doubles) -> Doubles:

@@ -718,7 +718,9 @@ def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) ->
     except FormatError:
         if unsupported is None:
             raise
-    return Track(
+    # Each attribute of a frozen dataclass costs a call where its constructor sets it.
+    track = object.__new__(Track)
+    track.__dict__.update(
         id=id_,
         kind=kind,
         codec=raw.codec.decode("latin-1"),
@@ -735,9 +737,10 @@ def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) ->
         provenance=described.provenance,
         further=further_of(raw, tlvs, kind, at, supported=unsupported is None),
         unsupported=unsupported,
-        unknown=tuple((type_, value) for type_, (_, value) in tlvs.items() if type_ not in KNOWN),
+        unknown=tuple([(type_, value) for type_, (_, value) in tlvs.items() if type_ not in KNOWN]),
         offset=offset,
     )
+    return track
 
 
 def further_of(

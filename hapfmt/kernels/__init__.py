@@ -307,6 +307,46 @@ class EncodePacket(Protocol):
     ) -> bytes: ...
 
 
+class FindLinks(Protocol):
+    """(rows int64 [count, samples], torn uint8 [samples], sines int32 [128], limits float64 [127],
+    least score, factor, found int64 [count, 9], energies float64 [count, 2], totals int64 [count])
+    -> samples used; the last three are filled. encoder/references.py says more."""
+
+    def __call__(
+        self,
+        rows: Buffer,
+        torn: Buffer,
+        sines: Buffer,
+        limits: Buffer,
+        enough: float,
+        factor: float,
+        found: Buffer,
+        energies: Buffer,
+        totals: Buffer,
+        /,
+    ) -> int: ...
+
+
+class Refer(Protocol):
+    """(rows int64 [any, samples], target, sources bytes, sines int32 [128], limits float64 [127],
+    reflections int8 [32], weights int8 [sources, 3], cross int64 [samples]) -> (order, 256 times
+    the bits without sources, and with them, samples that these are of); the last three are
+    filled."""
+
+    def __call__(
+        self,
+        rows: Buffer,
+        target: int,
+        sources: bytes,
+        sines: Buffer,
+        limits: Buffer,
+        reflections: Buffer,
+        weights: Buffer,
+        cross: Buffer,
+        /,
+    ) -> tuple[int, int, int, int]: ...
+
+
 class BuildVarints(Protocol):
     """(int64 [numbers], uint8 [8 * numbers]) -> size of the varints that the last one is filled
     with."""
@@ -407,11 +447,19 @@ class Kernels(Protocol):
     @property
     def encode_packet(self) -> EncodePacket: ...
     @property
+    def find_links(self) -> FindLinks: ...
+    @property
+    def refer(self) -> Refer: ...
+    @property
     def noise_decode(self) -> NoiseDecode: ...
 
     def nearest_within(
         self, a: int, b: int, d: int, allowed: float, x: Buffer, counts: Buffer, /
     ) -> tuple[int, float, bool]: ...
+
+    def common_divisor(
+        self, least: Buffer, most: Buffer, floor: float, /
+    ) -> tuple[float, float] | None: ...
 
     def double_facts(self, x: Buffer, /) -> tuple[bool, bool, float, float, float]: ...
 

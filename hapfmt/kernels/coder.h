@@ -16,7 +16,7 @@
 #define VECTORS 1
 #endif
 
-/* WIDE: of functions with vectors of four doubles, where wide() says that the processor has them. */
+/* WIDE: of functions with vectors of 256 bits, where wide() says that the processor has them. */
 #if defined(__GNUC__) && defined(__x86_64__) && !defined(HAPFMT_PLAIN)
 #define WIDE __attribute__((target("avx2")))
 static inline int wide(void) { return __builtin_cpu_supports("avx2"); }
@@ -196,8 +196,18 @@ INLINE void put_some(encoder *e, uint64_t value, int bits)
 {
     e->tail |= (value & (((uint64_t)1 << bits) - 1)) << e->tail_bits;
     e->tail_bits += bits;
-    if (e->tail_bits >= 32)
-        for (int i = 0; i < 4; i++) put_back(e);
+    if (e->tail_bits < 32) return;
+#if defined(__GNUC__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+    if (e->back + 4 <= e->size) {
+        uint32_t four = __builtin_bswap32((uint32_t)e->tail);
+        e->back += 4;
+        memcpy(e->out + e->size - e->back, &four, 4);
+        e->tail >>= 32;
+        e->tail_bits -= 32;
+        return;
+    }
+#endif
+    for (int i = 0; i < 4; i++) put_back(e);
 }
 
 INLINE void put_raw(encoder *e, uint64_t value, int bits)
@@ -210,13 +220,17 @@ INLINE void put_raw(encoder *e, uint64_t value, int bits)
     put_some(e, value, bits);
 }
 
+/* 2^44 over each width, rounded up. Below 2^20 times the width that is enough for exact quotients: the
+   product is too large by less than the width over 2^24 of 2^44, which is less than 2^44 over the width. */
+extern uint64_t hapfmt_inverses[SCALE + 1];
+
 INLINE uint32_t absorb(uint32_t x, share s, uint16_t **words)
 {
-    if (x >= (uint64_t)s.width << (32 - SCALE_BITS)) {
-        *--*words = (uint16_t)x;
-        x >>= 16;
-    }
-    uint32_t q = x / s.width;
+    int full = x >= (uint64_t)s.width << (32 - SCALE_BITS);
+    (*words)[-1] = (uint16_t)x;
+    *words -= full;
+    x >>= 16 * full;
+    uint32_t q = (uint32_t)(x * hapfmt_inverses[s.width] >> 44);
     return (q << SCALE_BITS) + (x - q * s.width) + s.first;
 }
 

@@ -210,9 +210,12 @@ INLINE int put_integers(encoder *e, const int64_t *in, int64_t count, int start,
                 put_raw(e, (uint64_t)length, 6);
                 put_raw(e, y, length);
                 put_raw(e, u, h);
-            } else
-                put_raw(e, u - ((uint64_t)edges[k] << h), extra[k] + h);
-            if (signs == RAW_SIGNS && u) put_raw(e, value < 0, 1);
+                if (signs == RAW_SIGNS) put_raw(e, value < 0, 1);
+            } else {
+                int bits = extra[k] + h, sign = signs == RAW_SIGNS && u;
+                uint64_t rest = u - ((uint64_t)edges[k] << h);
+                put_raw(e, rest | (uint64_t)(sign && value < 0) << bits, bits + sign);
+            }
             sum += u;
         }
         learn(&a, sum);

@@ -18,6 +18,7 @@ extern PyMethodDef hapfmt_exact_methods[];
 extern PyMethodDef hapfmt_knots_coded_methods[];
 extern PyMethodDef hapfmt_packet_methods[];
 extern PyMethodDef hapfmt_deflate_methods[];
+extern PyMethodDef hapfmt_references_methods[];
 extern PyMethodDef hapfmt_transform_methods[];
 extern PyMethodDef hapfmt_trellis_methods[];
 extern PyMethodDef hapfmt_noise_methods[];

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-static const double LARGEST_COUNT = 2147483647.0, WIDE = 4611686018427387904.0;
+static const double LARGEST_COUNT = 2147483647.0, EXACT = 9007199254740992.0, WIDE = 4611686018427387904.0;
 
 typedef struct {
     int64_t a, b;
@@ -108,7 +108,81 @@ static PyObject *double_facts(PyObject *self, PyObject *args)
                 : NULL;
 }
 
+/* The simplest fraction from low > 0 to high, as simplest_near in rational.py finds it. */
+static void simplest(double low, double high, double *p, double *q)
+{
+    enum { TERMS = 40 };
+    double terms[TERMS], first = ceil(low), n, m = 1;
+    int count = 0;
+    *p = 0;
+    *q = 1;
+    if (!(low <= high && high < EXACT)) return;
+    while (first < EXACT && first > high && count < TERMS) {
+        double term = first - 1, below = low;
+        terms[count++] = term;
+        low = 1 / (high - term);
+        high = 1 / (below - term);
+        first = ceil(low);
+    }
+    n = first;
+    while (count > 0) {
+        double before = n;
+        n = terms[--count] * n + m;
+        m = before;
+    }
+    *p = n;
+    *q = m;
+}
+
+/* (least, most: float64 [differences], floor) -> the ends of their common step, in this order; None
+   where it is below the floor. The twin is _divisor in hapfmt/encoder/rational.py. */
+static PyObject *common_divisor(PyObject *self, PyObject *args)
+{
+    Py_buffer least, most;
+    double floor_, a = 0, b = 0;
+    int found = 1;
+    (void)self;
+    if (!PyArg_ParseTuple(args, "y*y*d", &least, &most, &floor_)) return NULL;
+    int fits = whole(&least, 8) && whole(&most, 8) && least.len == most.len && least.len;
+    const double *lows = least.buf, *highs = most.buf;
+    if (fits) {
+        a = lows[0];
+        b = highs[0];
+    }
+    for (Py_ssize_t i = 0; fits && found && i < least.len / 8; i++) {
+        double low = lows[i], high = highs[i], p, q;
+        if (a <= 0 || b < floor_) {
+            found = 0;
+            break;
+        }
+        double times = rint((low + high) / (a + b));
+        if (times >= 1 && low <= times * b && high >= times * a) {
+            a = low / times > a ? low / times : a;
+            b = high / times < b ? high / times : b;
+            continue;
+        }
+        simplest(low / b, high / a, &p, &q);
+        if (p == 0) {
+            found = 0;
+            break;
+        }
+        double one = a / q > low / p ? a / q : low / p, other = b / q < high / p ? b / q : high / p;
+        a = one < other ? one : other;
+        b = one < other ? other : one;
+        found = b >= floor_;
+    }
+    PyBuffer_Release(&least);
+    PyBuffer_Release(&most);
+    if (!fits) {
+        PyErr_SetString(PyExc_ValueError, "not as many doubles");
+        return NULL;
+    }
+    if (!found) Py_RETURN_NONE;
+    return Py_BuildValue("dd", a, b);
+}
+
 PyMethodDef hapfmt_lattice_methods[] = {
+    {"common_divisor", common_divisor, METH_VARARGS, NULL},
     {"nearest_within", nearest_within, METH_VARARGS, NULL},
     {"double_facts", double_facts, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},

@@ -6,8 +6,10 @@
 #include "search.h"
 
 class_table hapfmt_classes[CLASSES];
+uint64_t hapfmt_inverses[SCALE + 1];
 uint16_t hapfmt_costs[SCALE];
 models hapfmt_models;
+flag_tables hapfmt_flags;
 
 /* Rows of SPEC 9.4: shape, scale, zeros, half. */
 static const int8_t rows[CLASSES][4] = {
@@ -257,9 +259,12 @@ PyMethodDef hapfmt_lpcr_methods[] = {
 
 void hapfmt_lpcr_prepare(void)
 {
+    for (int i = 1; i <= SCALE; i++)
+        hapfmt_inverses[i] = (((uint64_t)1 << 44) + (uint64_t)i - 1) / (uint64_t)i;
     for (int i = 1; i < SCALE; i++)
         hapfmt_costs[i] = (uint16_t)floor(256 * log2((double)SCALE / i) + 0.5);
     models_prepare(&hapfmt_models);
+    flag_tables_prepare(&hapfmt_flags);
     for (int i = 0; i < CLASSES; i++)
         for (int c = 0; c < CONTEXTS; c++) build_context(rows[i], c, hapfmt_classes + i);
 }

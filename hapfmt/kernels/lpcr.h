@@ -145,13 +145,16 @@ INLINE int synthesise_as(const plan *p, const filter *f, const uint8_t *same, in
 
 /* Predictions of STEP samples from all that come before the first of them, eight taps at a time. All
    sums are integers below 2^53: their order does not matter. */
+#if defined(__GNUC__) && !defined(HAPFMT_PLAIN)
 typedef double four __attribute__((vector_size(32)));
+#endif
 
 /* ``c``: coefficients [width], the newest sample's first, and STEP zeros; ``next`` points behind the
    newest sample. */
 INLINE void predict_step(const double *c, const double *next, int width, int64_t *sums)
 {
     const double half = 1 << (SHIFT - 1);
+#if defined(__GNUC__) && !defined(HAPFMT_PLAIN)
     four a = {half, half, half, half}, b = a, d = {0}, e = {0};
     for (int j = width - 1; j >= 0; j -= 2) {
         four old, new, older, newer;
@@ -170,48 +173,74 @@ INLINE void predict_step(const double *c, const double *next, int width, int64_t
         sums[i] = (int64_t)a[i];
         sums[4 + i] = (int64_t)b[i];
     }
+#else
+    double a[STEP];
+    for (int i = 0; i < STEP; i++) a[i] = half;
+    for (int j = width - 1; j >= 0; j--)
+        for (int i = 0; i < STEP; i++) a[i] += c[j + i] * next[-1 - j];
+    for (int i = 0; i < STEP; i++) sums[i] = (int64_t)a[i];
+#endif
 }
 
-/* As synthesise_as, in steps of eight samples: the history counts by vectors of doubles, what is new
-   within the step by integers, whose products take less time to arrive. Indices beyond the limit are
-   found after their step: unsigned sums may wrap. */
+/* Where a synthesis in steps is: ``history`` has y before ``now``. */
+typedef struct {
+    double c[ORDERS + STEP], history[ORDERS + RING];
+    int64_t taps[STEP];
+    uint64_t last, base, kept, limit;
+    int now, width;
+} steps;
+
+/* A step: the history counts by vectors of doubles, what is new within the step by integers, whose
+   products take less time to arrive. Unsigned sums may wrap: indices beyond the limit are found after the step. */
+INLINE void take_step(steps *s, const uint8_t *same, int64_t *out, int repeats)
+{
+    int64_t sums[STEP];
+    uint64_t y[STEP];
+    predict_step(s->c, s->history + s->now, s->width, sums);
+    UNROLL
+    for (int i = 0; i < STEP; i++) {
+        uint64_t sum = (uint64_t)sums[i];
+        UNROLL
+        for (int j = i; j > 0; j--) sum += (uint64_t)s->taps[j - 1] * y[i - j];
+        y[i] = (uint64_t)out[i] + (uint64_t)((int64_t)sum >> SHIFT);
+        if (repeats && same[i]) y[i] = s->last & ~s->kept;
+        s->last = (s->last & s->kept) + y[i];
+        out[i] = (int64_t)(s->last + s->base);
+        s->history[s->now + i] = (double)(int64_t)y[i];
+    }
+    s->now += STEP;
+    if (s->now > ORDERS + RING - STEP) {
+        memcpy(s->history, s->history + s->now - ORDERS, ORDERS * sizeof *s->history);
+        s->now = ORDERS;
+    }
+}
+
+/* As synthesise_as, in steps of eight samples. */
 INLINE int synthesise_steps(const plan *p, int width, const uint8_t *same, int64_t *out, int repeats)
 {
-    const uint64_t kept = p->difference ? UINT64_MAX : 0;
-    double history[ORDERS + RING], c[ORDERS + STEP] = {0};
-    uint64_t taps[STEP] = {0}, last = 0, base = (uint64_t)p->base, limit = (uint64_t)p->limit, beyond = 0;
-    for (int j = 0; j < p->order; j++) c[j] = p->coefficients[j];
-    for (int j = 0; j < STEP && j < p->order; j++) taps[j] = (uint64_t)(int64_t)p->coefficients[j];
-    memset(history, 0, ORDERS * sizeof *history);
-    int now = ORDERS;
-    for (int64_t t = 0; t < p->span; t += STEP) {
-        int count = p->span - t < STEP ? (int)(p->span - t) : STEP;
-        int64_t sums[STEP], e[STEP] = {0};
-        uint64_t y[STEP];
-        predict_step(c, history + now, width, sums);
-        memcpy(e, out + t, (size_t)count * sizeof *e);
-        UNROLL
-        for (int i = 0; i < STEP; i++) {
-            uint64_t sum = (uint64_t)sums[i];
-            UNROLL
-            for (int j = i; j > 0; j--) sum += taps[j - 1] * y[i - j];
-            y[i] = (uint64_t)e[i] + (uint64_t)((int64_t)sum >> SHIFT);
-            if (repeats && i < count && same[t + i]) y[i] = last & ~kept;
-            last = (last & kept) + y[i];
-            e[i] = (int64_t)(last + base);
-            history[now + i] = (double)(int64_t)y[i];
-        }
-        if (count == STEP) memcpy(out + t, e, sizeof e);
-        else memcpy(out + t, e, (size_t)count * sizeof *e);
-        for (int i = 0; i < count; i++) beyond |= ((uint64_t)e[i] + limit) | (limit - (uint64_t)e[i]);
-        if (RARE(beyond >> 63)) return BAD_INDEX;
-        now += count;
-        if (now > ORDERS + RING - STEP) {
-            memcpy(history, history + now - ORDERS, ORDERS * sizeof *history);
-            now = ORDERS;
-        }
+    steps s;
+    int64_t t = 0, left = p->span % STEP, rest[STEP] = {0};
+    uint8_t none[STEP] = {0};
+    memset(s.c, 0, sizeof s.c);
+    memset(s.taps, 0, sizeof s.taps);
+    for (int j = 0; j < p->order; j++) s.c[j] = p->coefficients[j];
+    for (int j = 0; j < STEP && j < p->order; j++) s.taps[j] = p->coefficients[j];
+    memset(s.history, 0, ORDERS * sizeof *s.history);
+    s.last = 0;
+    s.base = (uint64_t)p->base;
+    s.kept = p->difference ? UINT64_MAX : 0;
+    s.now = ORDERS;
+    s.width = width;
+    for (; t + STEP <= p->span; t += STEP) {
+        take_step(&s, repeats ? same + t : NULL, out + t, repeats);
+        if (RARE(!within(out + t, STEP, p->limit))) return BAD_INDEX;
     }
-    return DONE;
+    if (!left) return DONE;
+    memcpy(rest, out + t, (size_t)left * sizeof *rest);
+    if (repeats) memcpy(none, same + t, (size_t)left);
+    take_step(&s, none, rest, repeats);
+    memcpy(out + t, rest, (size_t)left * sizeof *rest);
+    return within(rest, left, p->limit) ? DONE : BAD_INDEX;
 }
 
 /* Few coefficients and no repeats: the history stays in registers. */
@@ -433,7 +462,7 @@ enum { QUIET = 2 * 256, SURE = 1024 };
 /* Whether numbers are so quiet and many that a class would be larger. */
 static int surely_quiet(const int64_t *numbers, int64_t count)
 {
-    int64_t left = count < SURE ? 0 : count / 2;
+    int64_t left = count < SURE ? 0 : 2 * count / 3;
     for (int64_t i = 0; i < count && left > 0; i++) {
         int64_t u = numbers[i] < 0 ? -numbers[i] : numbers[i];
         left = u < left ? left - u : 0;

@@ -137,7 +137,7 @@ EXTRA_SIZE = 1 << 16
 """Bytes that a damaged payload may be longer than its header says."""
 
 
-@dataclass
+@dataclass(slots=True)
 class TrackLine:
     """Tracks that continue one another, or one alone: which is at work, where its last packet
     ended, and the ``spans`` of all of them. ``free``: of events, whose packets come in any order,
@@ -172,6 +172,8 @@ def lines_of(catalogue: Catalogue) -> dict[int, tuple[TrackLine, int]]:
     """By track, with its place in the line."""
     lines: dict[int, tuple[TrackLine, int]] = {}
     for parts in catalogue.parts:
+        if len(parts) == 1 and parts[0].residual is None:
+            continue
         known = [part for part in parts if not part.track.unsupported]
         residuals = [part.residual for part in known if part.residual]
         for row in (
@@ -305,7 +307,7 @@ class PacketPass:
             return
         at, size, seed = ref.offset + HEADER_SIZE, header.payload_size, header.cluster_seed
         payload = source.read_at(at, size)
-        # A walk without findings has checked it; packets and their table have own checksums.
+        # A walk without findings has checked it. The table and packets have CRCs of their own.
         checked = ref.limit is None and not catalogue.damaged
         if checked or holds(header, payload):
             try:

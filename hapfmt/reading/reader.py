@@ -497,9 +497,13 @@ class Reader(Closing):
         # that breaks a rule is treated.
         threads = 1
         if not (self.catalogue.damaged or self.catalogue.indexed):
-            seconds = self.catalogue.duration
-            samples = sum(int(seconds * t.rate) * len(t.components) for t in tracks if t.channels)
-            threads = thread_count(self.threads, samples)
+            seconds = float(self.catalogue.duration)
+            samples = [
+                seconds * t.rate.numerator / t.rate.denominator * len(t.components)
+                for t in tracks
+                if t.channels
+            ]
+            threads = thread_count(self.threads, int(sum(samples)))
         known = {id_: decoder.track for id_, decoder in decoders.items()}
         found = self.packets(ranges, start, stop, progress)
         packets = (packet for packet in found if packet.track in known)
