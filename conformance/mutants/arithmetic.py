@@ -132,7 +132,8 @@ MUTANTS = (
             CALIBRATION,
             "x *= self.a\n        x += self.b  # and -0.0 becomes 0.0\n"
             "    if self.d != 1:\n        x /= self.d",
-            "x = x * (self.a / self.d) + self.b / self.d\n    elif self.d != 1:\n        x /= self.d",
+            "x = x * (self.a / self.d) + self.b / self.d\n"
+            "    elif self.d != 1:\n        x /= self.d",
         ),
     ),
     mutant(
