@@ -120,7 +120,7 @@ def write_ours(recording: Recording, target: Destination, options: WriteOptions)
 
 
 class _Plain:
-    """The file that savemat fills. What was written of samples need not stay in memory."""
+    """The file that savemat fills; samples that are in it leave the memory."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file

@@ -104,7 +104,7 @@ _DIRECTORY_SIZE = 1 << 21
 """Longest list of members in bytes, checked before it is read: 20 000 members at least."""
 _MEMBERS = 10_000
 LEVEL = 1
-"""Of DEFLATE: level 6 takes six times as long and makes files a quarter smaller."""
+"""DEFLATE at level 6 takes six times as long, and its files are a quarter smaller."""
 _KEYS_NAMED = 8
 """A message lists this many keys and counts the others."""
 

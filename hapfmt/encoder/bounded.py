@@ -14,8 +14,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
 from ..codecs.knots import KnotParameters, encode_knots
@@ -266,6 +268,9 @@ def scalar_ways(source: InputBlock, bound: Bound) -> list[Way]:
 SAMPLED, WINDOWS = 8, 8
 """One sample of SAMPLED is looked at, in as many WINDOWS, to compare ways."""
 
+SLICE = 1 << 15
+"""Samples that are looked at together."""
+
 NEAR = 1.06
 """Ways that are at most this many times as large as the best of the sampled part are all coded."""
 
@@ -289,28 +294,31 @@ def likely_ways(source: InputBlock, base: Track, bound: Bound, *, knots_alone: b
     as many pieces each are coded in all other ways.
     """
     plain, levels, lines, *grids = scalar_ways(source, bound)
-    x, grid = source.counts[:, 0].astype(np.int64), grid_within(bound)
-    ticks = fewest_hold(*tube_of(x, bound))[0]
+    x, grid = source.counts[:, 0], grid_within(bound)
+    ticks = np.concatenate([at + fewest_hold(*tube_of(part, bound))[0] for at, part in slices(x)])
     held, few = ticks.size, ticks.size // (SAMPLED * WINDOWS)
     sampled = few >= LEAST
-    looked = x
+    looked: Iterable[Indices] = (part for _, part in slices(x))
     if sampled:
         firsts = held * np.arange(1, 2 * WINDOWS, 2) // (2 * WINDOWS) - few // 2
-        looked = np.concatenate([x[ticks[k] : ticks[k + few]] for k in firsts])
+        windows = np.concatenate([x[ticks[k] : ticks[k + few]] for k in firsts]).astype(np.int64)
+        looked = [windows]
     ways = [levels]
     if held <= FEW:
         ways.append(plain)
     if sampled or held <= (DENSE if grid.kn else DENSER) * x.size:
         ways.append(lines)
     if not knots_alone:
-        bits = [quick_estimate(nearest_uniform(looked, even_grid(bound)))]
-        if grid.kn:
-            bits.insert(0, quick_estimate(nearest_level(looked, grid)))
+        bits = [0.0, 0.0] if grid.kn else [0.0]
+        for part in looked:
+            bits[-1] += quick_estimate(nearest_uniform(part, even_grid(bound)))
+            if grid.kn:
+                bits[0] += quick_estimate(nearest_level(part, grid))
         if sampled or min(bits) < 8 * CHEAP * held:
             ways.append(grids[bits.index(min(bits))])
     if not sampled or len(ways) == 1:
         return ways
-    block = InputBlock(source.channels, looked[:, None], (Span(0, looked.size),))
+    block = InputBlock(source.channels, windows[:, None], (Span(0, windows.size),))
     allowed = {why for why, _ in ways}
     sizes: dict[str, int] = {}
     for why, code in scalar_ways(block, bound):
@@ -319,6 +327,12 @@ def likely_ways(source: InputBlock, base: Track, bound: Bound, *, knots_alone: b
     least = min(sizes.values()) * NEAR + 4
     near = [(size, why) for why, size in sizes.items() if size <= least]
     return [way for _, why in sorted(near) for way in ways if way[0] == why]
+
+
+def slices(x: NDArray[Any]) -> Iterator[tuple[int, Indices]]:
+    """Places and counts of parts, so that no second recording is in memory."""
+    for at in range(0, x.size, SLICE):
+        yield at, x[at : at + SLICE].astype(np.int64)
 
 
 def even_grid(bound: Bound) -> LpcParameters:
