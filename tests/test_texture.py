@@ -22,6 +22,7 @@ from terminal import called
 import hapfmt
 from hapfmt import Calibration, Channel, ParameterError, Recording, Settings
 from hapfmt.encoder.bitrate import fill
+from hapfmt.encoder.effort import EFFORTS
 from hapfmt.encoder.encode import Decision
 from hapfmt.encoder.felt import FeltChannel
 from hapfmt.encoder.plan import Promise
@@ -301,9 +302,11 @@ class TestWays:
         channel = counted(texture(), step=step)
         felt, promise = self.felt(channel, TextureQuality(db))
         found = 0
-        for way in ways_of(felt, channel, 0, promise):
+        for way in ways_of(felt, channel, 0, promise, EFFORTS["best"]):
             trial = widest(way, felt)
             assert trial is not None
+            noise = float(np.square(trial.samples - felt.x).mean())
+            assert trial.noise is None or trial.noise == pytest.approx(noise, rel=0.06)
             unit = trial.code(None)
             assert unit is not None
             calibration = unit.channels[0].calibration
@@ -321,7 +324,7 @@ class TestWays:
         slow = slow_for_telling(texture()[:, None], 1000.0)[:, 0]
         channel = counted(slow + loud * (texture() - slow), step=20_000)
         felt, promise = self.felt(channel, TextureQuality(10), floor=0.001)
-        for way in ways_of(felt, channel, 0, promise):
+        for way in ways_of(felt, channel, 0, promise, EFFORTS["best"]):
             for _ in range(4):
                 assert way.at(way.first) is not None  # classes and steps settle
             errors = [
@@ -371,7 +374,8 @@ class TestWays:
                 ) -> CodedTrial:  # fmt: skip
                     tried.append(step)
                     e = allowed * (step / right) ** power
-                    return CodedTrial(step, channel.samples() + e * noise, lambda _size: None)
+                    y = channel.samples() + e * noise
+                    return CodedTrial(step, lambda: y, lambda _size: None)
 
                 trial = widest(Way(way, felt.first_step), felt)
                 assert trial is not None

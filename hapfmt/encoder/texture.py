@@ -56,7 +56,7 @@ ALIKE = 1.15
 PAYS, PAYS_MORE = 0.25, 0.15
 """Bits a sample, and share of those of the grid, that a transform may save at one mean error."""
 
-NARROWER_ESTIMATE = 0.98
+NARROWER_ESTIMATE = 0.97
 
 LEAST_POWER, MOST_POWER = 0.3, 6.0
 
@@ -253,9 +253,13 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
         power = grown if is_plausible(grown) else power
         before = step, error
         step = min(next_step(low, high, allowed * (1 + near) / 2, power), max(most, step))
-    while best and felt.measure.error(best.samples) > allowed:
-        # An estimate that was too low.
+    for _ in range(TRIES):
+        if best is None or felt.measure.error(best.samples) <= allowed:
+            break
+        # An estimate was too low.
         best = way.at(NARROWER_ESTIMATE * best.step)
+    else:
+        return None
     if best is None:
         return None
     excess = felt.slow_excess(best.samples)
