@@ -27,7 +27,7 @@ BEYOND = 1.05
 
 
 def bits_at(db: float) -> float:
-    """About twice the bits a sample of a texture of this quality; sizes are near to a line over it."""
+    """About twice the bits a sample of a texture of this quality; sizes go about along it."""
     return log2(1 + 10 ** (db / 10))
 
 
