@@ -221,9 +221,9 @@ def channels_called(names: Any, labels: Mapping[int, str]) -> list[int]:
 
 def refuse_keywords(given: Mapping[str, object], function: Callable[..., object]) -> None:
     """ParameterError for the first keyword that a function lacks; it names the one meant."""
-    from inspect import signature
-
     for name in given:
+        from inspect import signature
+
         raise ParameterError(unknown("keyword", name, list(signature(function).parameters)[:-1]))
 
 

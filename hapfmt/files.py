@@ -15,6 +15,7 @@ import stat
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from functools import cache
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import BinaryIO, Self, cast
@@ -31,6 +32,7 @@ MISSING = {
 """EBADF: over a network, where the file is open for reading only."""
 
 
+@cache
 def optional(name: str) -> ModuleType | None:
     try:
         return importlib.import_module(name)

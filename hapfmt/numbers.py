@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import lru_cache
 from math import inf, isinf
 from numbers import Rational, Real
 from typing import Any
@@ -89,6 +90,11 @@ def counted(count: int, what: str) -> str:
 def hertz(value: Any) -> Fraction:
     """A rate, as :func:`exact`. A float such as 1 / 0.003, which has too many decimals to be meant
     literally, becomes the simplest fraction within 1e-9 of it."""
+    plain = type(value) in (int, float, str, Fraction)
+    return _known_hertz(value) if plain else _hertz(value)
+
+
+def _hertz(value: Any) -> Fraction:
     try:
         found = exact(value)
     except ParameterError:
@@ -108,6 +114,10 @@ def hertz(value: Any) -> Fraction:
     return found
 
 
+_known_hertz = lru_cache(maxsize=64, typed=True)(_hertz)
+"""Channels of a recording have few rates."""
+
+
 def checked_rate(rate: Fraction) -> Fraction:
     if not (0 < rate.numerator < RATE_LIMIT and rate.denominator < RATE_LIMIT):
         raise ParameterError(f"a rate is a fraction of two integers from 1 to 2^64 - 1, not {rate}")
@@ -118,6 +128,8 @@ def tick_range(
     rate: Fraction, start: Fraction | float | None, stop: Fraction | float | None
 ) -> tuple[int, int]:
     """Ticks from ceil(start * rate) to ceil(stop * rate), exactly (SPEC clause 7)."""
+    if start is None and stop is None:
+        return 0, 1 << 62
 
     def tick(seconds: Fraction | float) -> int:
         product = exact(seconds) * rate
@@ -142,8 +154,13 @@ def clamp(x: int, low: int, high: int) -> int:
     return low if x < low else high if x > high else x
 
 
+_BYTES = [bytes([value]) for value in range(0x80)]
+
+
 def build_varint(value: int) -> bytes:
     """SPEC CNV-002."""
+    if 0 <= value < 0x80:
+        return _BYTES[value]
     if not 0 <= value < 1 << 53:
         raise ValueError(f"varint out of range: {value}")
     out = bytearray()

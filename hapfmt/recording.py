@@ -16,7 +16,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import accumulate, chain
 from operator import index
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, overload
@@ -293,9 +293,12 @@ def channel_of(
 ) -> Channel:
     """A channel of a 1-D array: integers of up to 32 bits become counts; NaN and masked values are
     gaps. ``ticks`` are the ticks of the values, by default 0, 1, 2 ..."""
-    x, known = known_samples(np.ma.getdata(x), np.ma.getmaskarray(x))
-    spans = tuple(spans_of(known)) if ticks is None else spans_at(ticks[known])
-    kept = np.ascontiguousarray(x[known])
+    if ticks is None and type(x) is np.ndarray and x.dtype.kind in "biu":
+        kept, spans = np.ascontiguousarray(x), (Span(0, x.size),) * bool(x.size)
+    else:
+        x, known = known_samples(np.ma.getdata(x), np.ma.getmaskarray(x))
+        spans = tuple(spans_of(known)) if ticks is None else spans_at(ticks[known])
+        kept = np.ascontiguousarray(x[known])
     if (kept.dtype.kind in "bi" and kept.dtype.itemsize <= 4) or kept.dtype in ("u1", "u2"):
         counts = kept.astype(np.int32)
         return Channel(counts, rate, spans, Calibration(), **described)
@@ -739,8 +742,9 @@ class Calibration:
 
     def __post_init__(self) -> None:
         try:
-            for name in ("a", "b", "d"):
-                object.__setattr__(self, name, index(getattr(self, name)))
+            if not type(self.a) is type(self.b) is type(self.d) is int:
+                for name in ("a", "b", "d"):
+                    object.__setattr__(self, name, index(getattr(self, name)))
         except TypeError:
             raise ParameterError("a calibration holds three integers") from None
         if not (0 < abs(self.a) < AFFINE_LIMIT and abs(self.b) < AFFINE_LIMIT):
@@ -773,8 +777,13 @@ class Calibration:
         """Convert counts (integers, any shape) to physical values (float64, same shape)."""
         if counts.size and not self.covers(int(counts.min()), int(counts.max())):
             raise ParameterError("a count leaves the exact range of its calibration")
-        numerator = counts.astype(np.int64) * self.a + self.b
-        return numerator.astype(np.float64) / float(self.d)
+        x = counts.astype(np.float64)
+        if self.a != 1 or self.b:
+            x *= self.a
+            x += self.b  # and -0.0 becomes 0.0
+        if self.d != 1:
+            x /= self.d
+        return x
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -851,26 +860,25 @@ class Channel:
         rate = rate_exact if rate is None else rate
         if stored is None or rate is None:
             raise ParameterError("a channel needs samples and a rate: Channel(x, 1000)")
-        put = partial(object.__setattr__, self)
-        put("stored", np.asarray(stored))
-        put("rate_exact", hertz(rate))
-        put("coverage", coverage)
-        put("calibration", calibration)
-        put("label", label)
-        put("unit", unit)
-        put("quantity", quantity)
-        put("axis", axis)
-        put("group", group)
-        put("body_site", body_site)
-        put("device", device)
-        put("deviation", deviation)
-        put("lsb", lsb)
-        put("exact", exact)
-        put("synthetic", synthetic)
+        self.__dict__.update(
+            stored=np.asarray(stored),
+            rate_exact=rate if type(rate) is Fraction and rate.numerator > 0 else hertz(rate),
+            coverage=coverage,
+            calibration=calibration,
+            label=label,
+            unit=unit,
+            quantity=quantity,
+            axis=axis,
+            group=group,
+            body_site=body_site,
+            device=device,
+            deviation=deviation,
+            lsb=lsb,
+            exact=exact,
+            synthetic=synthetic,
+        )
         if self.stored.ndim != 1:
             raise ParameterError("a channel's values are one-dimensional")
-        if self.rate_exact <= 0:
-            raise ParameterError("a channel's rate is positive")
         if self.calibration is not None and self.stored.dtype.kind not in "iu":
             raise ParameterError("a channel with a calibration holds integer counts")
         if self.exact is not None and (
@@ -888,7 +896,7 @@ class Channel:
             previous = span.stop
         if previous > TICK_LIMIT or (self.coverage and self.coverage[0].start < 0):
             raise ParameterError("ticks lie in [0, 2^48)")
-        if sum(span.ticks for span in self.coverage) != self.stored.size:
+        if sum([stop - start for start, stop in self.coverage]) != self.stored.size:
             raise ParameterError("coverage and values differ in length")
 
     @classmethod

@@ -11,6 +11,7 @@ import re
 import warnings
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
+from functools import lru_cache
 
 from .errors import DataWarning, ParameterError, similar
 
@@ -191,6 +192,7 @@ _ASCII = str.maketrans(
 )
 
 
+@lru_cache(maxsize=256)
 def to_ucum(text: str) -> str:
     """The UCUM code of a unit text: at most 255 bytes of printable ASCII, never empty.
 

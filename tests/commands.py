@@ -205,7 +205,7 @@ if __name__ == "__main__":
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # What takes longer than all the rest.
-    for name in ("scipy.signal", "matplotlib.figure", "matplotlib.backends.backend_agg"):
+    for name in ("matplotlib.figure", "matplotlib.backends.backend_agg"):
         with suppress(ImportError):
             importlib.import_module(name)
     for module in pkgutil.walk_packages(hapfmt.__path__, "hapfmt."):

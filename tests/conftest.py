@@ -9,15 +9,13 @@ module that carries the mark: threads reserve more address space each than they 
 
 from __future__ import annotations
 
-import atexit
 import gc
 import os
-import shutil
 import signal
 import sys
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -40,12 +38,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # As in the background of a shell: the programs that tests interrupt would inherit it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
-    # The programs that tests start would compile hapfmt again each time.
-    compiled_here = tempfile.mkdtemp(prefix="hapfmt-tests-")
-    os.environ["PYTHONPYCACHEPREFIX"] = compiled_here
-    atexit.register(shutil.rmtree, compiled_here, ignore_errors=True)
-
+# Each worker, and each program that tests start, would compile the same modules again.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 CAP = 256 << 20
 
@@ -72,6 +67,18 @@ def memory_cap(cap: int = CAP) -> Iterator[None]:
 def pytest_configure() -> None:
     """Ten thousand tests live until the end: to look for garbage among them takes a fifth of the time."""
     gc.disable()
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Two workers that compile the modules in one order compile all of them: the second begins at
+    the end, and each finds the other half compiled."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
+    if worker == "gw1" and not session.config.getoption("file_or_dir"):
+        found = sorted(Path(__file__).parent.glob("test_*.py"), reverse=True)
+        for path in found[: len(found) // 2]:
+            if not pytest_ignore_collect(path):
+                with suppress(Exception, pytest.skip.Exception):  # which collecting will tell
+                    import_module(path.stem)
 
 
 def pytest_collection_finish() -> None:

@@ -18,13 +18,13 @@ PROFILE = os.environ.get("HYPOTHESIS_PROFILE", "dev")
 DEEP = PROFILE in ("ci", "nightly")
 
 PURE = (
-    # Codecs, and the loops that the encoder shares with them.
-    "clamps", "codecs_*", "components", "deadband", "entropy", "exact", "extreme_doubles", "huffman",
-    "integers", "kernels*", "lattice", "lengths", "linear", "split", "tube",
+    # Codecs, and the readable twins of loops.
+    "clamps", "codecs_*", "components", "entropy", "huffman", "integers", "kernels*", "lengths",
+    "split",
     # The conformance suite, and other bytes that a decoder gets.
     "examples", "exhaustive", "fuzz", "hostile", "vectors*",
     # Each way of encoding once; the verbs of README.md.
-    "bounded", "encoder", "pages", "packaging", "threads",
+    "encoder", "pages", "packaging", "threads",
 )  # fmt: skip
 """Modules of tests that also run without the extension, in any profile: their results come from
 loops that it replaces. The others run there in the deep profiles alone."""

@@ -8,7 +8,7 @@ from hapfmt.codecs import exact
 
 
 def decode_counts(data, span, level, offset):
-    return exact.decode_counts(data, span, 1, level, offset)[:, 0]
+    return exact.decode_counts(data, span, 1, level, offset, -(2**31), 2**31 - 1)[:, 0]
 
 
 def decode_exact(data, parameters, affine, counts, offset):

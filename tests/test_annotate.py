@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from depth import examples
 from edited import (
     EPOCH_NS,
     assert_intact,
@@ -20,7 +21,7 @@ from edited import (
     tracks_of,
     write,
 )
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import texts
 from test_cli import run, run_json
@@ -58,6 +59,7 @@ def key(event: Event) -> tuple[Any, ...]:
     return event.time, event.layer, event.text, event.duration, str(event.channel)
 
 
+@settings(max_examples=examples(20))
 @given(st.lists(events, min_size=1, max_size=8), st.integers(0, 8))
 def test_what_was_added_is_read(new: list[Event], cut: int) -> None:
     data = made("lossless")

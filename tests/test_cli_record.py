@@ -265,7 +265,7 @@ def test_dropped_samples_end_with_3(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "pwrite", slow)
     monkeypatch.setattr(module.SampleQueue, "put", told)
     source = tmp_path / "rows.txt"
-    noise = np.random.default_rng(0).integers(-999, 999, 300_000)
+    noise = np.random.default_rng(0).integers(-999, 999, 100_000)
     source.write_bytes(HEAD + "\n".join(map(str, noise)).encode())
     path = tmp_path / "a.hapf"
     arguments = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import page
@@ -11,7 +12,7 @@ import strategies
 from hypothesis import given
 from hypothesis import strategies as st
 from spec import EXAMPLES
-from twins import built
+from twins import built, changed, same
 
 from hapfmt.codecs import predicted
 from hapfmt.codecs.grids import LpcParameters
@@ -72,6 +73,23 @@ def read_without(data, span, count, level=TWO):
             return decode_predicted(data, LpcParameters(), span, count, level, 0).T.tolist()
         except FormatError as error:
             return error.requirement, error.offset, error.message
+
+
+GRIDS = [
+    LpcParameters(),
+    LpcParameters(3, -40),
+    LpcParameters(0, 9, 1, 10),
+    LpcParameters(7, 0, 3, 2),
+]
+
+
+def moved(*given):
+    """Counts and whether any was moved into the range, or all that an error tells."""
+    try:
+        counts, any_moved = predicted.decode_moved(*given)
+    except FormatError as error:
+        return type(error).__name__, error.requirement, error.offset, error.message
+    return counts.dtype.name, counts.tolist(), any_moved
 
 
 def short(rows, size=30):
@@ -161,6 +179,50 @@ class TestTwins:
             assert counts.T.tolist() == slow
         except FormatError as error:
             assert (error.requirement, error.offset, error.message) == slow
+
+    @given(strategies.component_rows(TWO.count_bound), st.data())
+    def test_counts_within_a_range(self, rows, data):
+        """A whole packet by one call, on any grid; what is wrong with it is said by the twin."""
+        packet = bytearray(packet_of(rows) or b"\3\x10\0\0\x10\0\0")
+        if data.draw(st.booleans()):
+            packet[data.draw(st.integers(0, len(packet) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+        grid = data.draw(st.sampled_from(GRIDS))
+        low, high = data.draw(st.sampled_from([(-(2**31), 2**31 - 1), (-90, 70), (5, 5)]))
+        span, count = rows[0][0].size, len(rows)
+        same(predicted, moved, bytes(packet), grid, span, count, TWO, 7, low, high)
+
+    @pytest.mark.parametrize("repeats", [False, True])
+    @pytest.mark.parametrize("order", [*range(12, 18), 24, 25, 32])
+    @pytest.mark.parametrize("span", [1, 7, 8, 9, 16, 1023, 1025, 1033])
+    def test_steps_of_a_synthesis(self, order, span, repeats):
+        rng = np.random.default_rng(order + span)
+        ks = tuple(rng.integers(-30, 31, order).tolist())
+        for g in (0, 1):
+            x = np.repeat(rng.integers(-900, 900, span), 1 + 2 * repeats)[:span].cumsum()
+            x = np.clip(x, -TWO.count_bound, TWO.count_bound)
+            packet = encode_component(x, Predictor(g, ks, 5, repeats), [])
+            assert decode_predicted(packet, LpcParameters(), span, 1, TWO, 0)[:, 0].tolist() == (
+                x.tolist()
+            )
+            # An index beyond the limit, somewhere in a step.
+            for limit in (int(abs(x).max()), int(abs(x).max()) - 1):
+                bound = replace(TWO, count_bound=max(limit, 5))
+                given = (packet, LpcParameters(), span, 1, bound, 0, -(2**31), 2**31 - 1)
+                same(predicted, moved, *given)
+
+    @pytest.mark.parametrize("wrong", [
+        {1: 0}, {1: 256}, {2: -1}, {2: 2**32 + 1}, {3: 0}, {3: 2**33}, {4: 2**31}, {5: bytes(7)},
+        {5: np.zeros(9, np.int64)}, {6: 8}, {6: -(2**31) - 1}, {7: 2**31}, {8: bytes(512)[:508]},
+        {8: np.full(128, 32768, np.int32)}, {9: bytearray(6)}, {9: bytearray(0)}, {1: 3},
+    ], ids=changed)  # fmt: skip
+    def test_what_is_no_grid(self, wrong):
+        given = {0: b"\x10\0\0", 1: 1, 2: 9, 3: 1, 4: 0, 5: b"", 6: -7, 7: 7,
+                 8: np.zeros(128, np.int32), 9: np.zeros(2, np.int32)}  # fmt: skip
+        assert compiled.lpcr_packet(*given.values()) == 1
+        with pytest.raises(ValueError, match="not a grid"):
+            compiled.lpcr_packet(*(given | wrong).values())
+        with pytest.raises(TypeError):
+            compiled.lpcr_packet(b"")
 
     @given(strategies.component_rows())
     def test_encode(self, rows):

@@ -12,7 +12,7 @@ import strategies
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapfmt.codecs.raw import DTYPES, RawParameters, decode_raw, encode_raw
+from hapfmt.codecs.raw import APART, DTYPES, RawParameters, decode_raw, encode_raw
 from hapfmt.errors import FormatError
 
 pytestmark = pytest.mark.capped
@@ -123,3 +123,26 @@ def test_frozen_bitstreams(kind, size, text, numbers):
     back = decode_raw(data, RawParameters(size), kind, len(numbers), len(numbers[0]), 0)
     assert bits_of(back) == numbers
     assert encode_raw(back, size) == data
+
+
+def noise_and(low_bytes: int, ticks: int = APART) -> np.ndarray:
+    """Words whose upper bytes are quiet, with noise below them."""
+    rng = np.random.default_rng(low_bytes)
+    quiet = rng.integers(0, 4, ticks).astype(np.uint64) << np.uint64(56)
+    return (quiet | rng.integers(0, 1 << (8 * low_bytes), ticks, np.uint64))[:, None]
+
+
+@pytest.mark.parametrize("low_bytes", [0, 1, 5, 7])
+def test_long_packets_store_noise_and_code_the_rest(low_bytes):
+    words = noise_and(low_bytes)
+    data = encode_raw(words, 8)
+    assert np.array_equal(decode_raw(data, RawParameters(8), "uint64", *words.shape, 0), words)
+    # Two bits of the upper byte, and blocks of noise as they are.
+    assert len(data) < len(words) * (low_bytes + 0.26) + 1000
+
+
+def test_long_packets_of_words_that_repeat():
+    words = np.tile(noise_and(7, 1000), (10, 1))
+    data = encode_raw(words, 8)
+    assert np.array_equal(decode_raw(data, RawParameters(8), "uint64", *words.shape, 0), words)
+    assert len(data) < 8 * 1100 + 1000

@@ -281,7 +281,7 @@ def lost_ticks(report: dict | None) -> list[tuple] | None:
     return report and [(row["channel"], row["lost_ticks"]) for row in report["channels"]]
 
 
-@either("seeds", range(40), deep=range(1000))
+@either("seeds", range(20), range(200), range(1000))
 def test_every_verb_tells_the_same_damage(seeds, tmp_path):
     """Files that break rules, and files with parts of others."""
     path, count = tmp_path / "x.hapf", 0

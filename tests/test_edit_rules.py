@@ -11,7 +11,7 @@ from typing import Any
 import forge
 import numpy as np
 import pytest
-from depth import either
+from depth import deep, either
 from edited import (
     EPOCH_NS,
     UUID,
@@ -299,7 +299,7 @@ class TestDescriptions:
         for file in (whole, part, merge([data, data], times="same")[0]):
             assert_intact(file)
 
-    @pytest.mark.parametrize("level", [1, 2])
+    @pytest.mark.parametrize("level", [1, *deep([2])])
     def test_long_texts(self, level: int) -> None:
         """No rule limits them but that of payloads."""
         size = LEVELS[level].payload_size - 100

@@ -47,6 +47,8 @@ LOGGERS = {
     "multiplied in another order": (WALK * 2 * np.pi / 300000, {QUOTIENT, PRODUCT}, 9.5),
     "times a decimal": (WALK * 1e-6, {PRODUCT}, 6.5),
     "two factors": (WALK * (1 / 60000) * 1.2566370614359172, {QUOTIENT, PRODUCT}, 9.5),
+    "gain and offset": (WALK * 1.2566370614359172e-3 - 1.65, {CUBIC}, 6.6),
+    "far offset": (WALK * 0.012566370614359172 + 20.25, {CUBIC}, 6.6),
     "six digits of text": (printed(WALK * 20 / 16384, ".6g"), {SIGNIFICANT}, 6.8),
     "binary32": (
         (WALK * np.float32(0.1)).astype(np.float32).astype(float),

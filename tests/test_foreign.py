@@ -44,7 +44,9 @@ def array(count: int) -> faults.Case:
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("kind", faults.FOREIGN)
-@pytest.mark.parametrize(("count", "seconds"), [(16, 300), (64, 100)])
+@pytest.mark.parametrize(
+    ("count", "seconds"), [(16, 300), pytest.param(64, 100, marks=pytest.mark.deep)]
+)
 @either("trials", 1, deep=4)
 def test_no_sample_of_another_recording(kind, count, seconds, trials, monkeypatch):
     """
@@ -143,7 +145,7 @@ def viewer():
         yield one.open
 
 
-@either("count", 60, deep=2000)
+@either("count", 30, 400, 2000)
 def test_every_way_to_read_agrees(count, viewer, tmp_path):
     """
     REC-013: A reader MUST take the file id that `identify` gives, unless its caller names another. It reports each other id that `walk` meets, with both ids. Every way to read a file takes the same id: whole, in part, by an index, or while it grows. An index is used only where `HEAD` and `last` of `identify` have the same id.

@@ -40,7 +40,7 @@ def known(request) -> list[ff.Seed]:
 
 
 @pytest.mark.capped(1 << 30)
-@either("count", 20, 200, 3000)
+@either("count", 10, 100, 3000)
 @pytest.mark.parametrize(("known", "format"), [(f, f) for f in ff.SEEDS], indirect=["known"])
 def test_any_bytes_end_in_our_errors(tmp_path: Path, known, format, count):
     """

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from depth import DEEP, examples
+from depth import DEEP, deep, examples
 from ros_files import KINDS, START, Bag, bag, json_mcap, path_of, wrenches
 from test_timestamps import Publisher
 
@@ -570,7 +570,8 @@ class TestDamage:
                 read(io.BytesIO(data), format=format)
 
     @pytest.mark.parametrize(
-        "value", ["NULL", "5", "x'ff'", "''", "'\ud800'", "1e300", "9223372036854775807", "-1"]
+        "value",
+        ["NULL", "x'ff'", "1e300", *deep(["5", "''", "'\ud800'", "9223372036854775807", "-1"])],
     )
     @pytest.mark.parametrize("table", ["topics", "messages", "message_definitions", "schema"])
     def test_cells_of_any_type(self, table, value, tmp_path):

@@ -23,9 +23,11 @@ from twins import built, changed
 import hapfmt
 from hapfmt.codecs import predicted
 from hapfmt.codecs.predicted import INDEX_LIMIT, Predictor, decode_indices, encode_indices
-from hapfmt.encoder import predict
+from hapfmt.encoder import lengths, predict
 from hapfmt.encoder.effort import EFFORTS
 from hapfmt.errors import FormatError
+from hapfmt.format import deflate as deflating
+from hapfmt.format.deflate import deflate
 from hapfmt.kernels import compiled
 
 rows = strategies.index_arrays() | strategies.quiet_rows().map(np.array)
@@ -183,6 +185,14 @@ class TestSearch:
         x[: 9000 + seed] = x[: 9000 + seed].cumsum()
         assert_same(predict.best_cuts, x % 2**30)
 
+    @given(st.lists(st.integers(-(2**40), 2**40), min_size=1, max_size=300))
+    def test_bits_of_pieces(self, numbers):
+        looked = np.array([numbers, numbers[::-1]], np.float64)
+        with pytest.MonkeyPatch.context() as patch:
+            fast = lengths.bits_of(looked)
+            patch.setattr(lengths, "compiled", None)
+            assert lengths.bits_of(looked) == fast
+
     @given(st.lists(st.integers(-127, 127), max_size=32).map(tuple))
     def test_step_up(self, ks):
         assert_same(lambda: Predictor(reflections=ks).coefficients)
@@ -221,11 +231,24 @@ class TestSearch:
                 row[at] = value
             with pytest.raises(ValueError, match="not indices"):
                 compiled.encode_packet(*row)
+        for numbers, pieces in ((given(0), 1), (given(3), 0), (given(3), 2), (bytes(9), 1)):
+            with pytest.raises(ValueError, match="not pieces"):
+                compiled.piece_bits(numbers, pieces)
         with pytest.raises(ValueError, match="not indices"):
             compiled.find_cuts(given(3), given(128, np.int32), given(127, np.float64), given(15))
         for indices in (given(0), given(3) + 2**33):
             with pytest.raises(ValueError, match="not indices"):
                 compiled.polynomial_bits(indices)
+
+
+@built
+@given(st.binary(max_size=400), st.integers(0, 400), st.sampled_from([1, 3, 60]))
+def test_deflate(data, gap, times):
+    plain = (data + bytes(gap)) * times
+    with pytest.MonkeyPatch.context() as patch:
+        fast = deflate(plain)
+        patch.setattr(deflating, "compiled", None)
+        assert deflate(plain) == fast
 
 
 ARGUMENTS = {

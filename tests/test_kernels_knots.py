@@ -78,7 +78,7 @@ class TestDecoding:
                 fast = decoded(data, KnotParameters(mode), span, components, LEVELS[2], 0, *limits)
                 assert fast[0] == (span, components)
 
-    @either("span", 1 << 20, deep=1 << 24)
+    @either("span", 1 << 20, 1 << 22, 1 << 24)
     def test_the_longest_lines(self, span):
         """2**24 ticks, from one end of the counts to the other."""
         far = 1 << 32

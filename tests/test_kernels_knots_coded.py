@@ -68,7 +68,7 @@ class TestTwins:
 
     @pytest.mark.parametrize(
         ("mode", "width", "far", "gap"),
-        sample(product(["hold", "linear"], [1, 3], [1, 40, 2**20, 2**32], [1, 60, 5000]), 8),
+        sample(product(["hold", "linear"], [1, 3], [1, 40, 2**20, 2**32], [1, 60, 5000]), 16),
     )
     def test_long_packets(self, mode, width, far, gap):
         """Models that have learned, raw bits by the hundred, and buffers that are too small."""
@@ -97,7 +97,7 @@ class TestTwins:
 
 def test_more_knots_than_a_second_takes():
     """As many as a cluster of level 1 has room for, from few bytes and from many."""
-    ticks = np.arange(1 << 16 if compiled is None else 1 << 22)
+    ticks = np.arange(1 << 16 if compiled is None else 1 << 20)
     for far in (0, 15):
         indices = (ticks % 2 * far)[:, None]
         data = encode_knots(ticks, indices, "hold")

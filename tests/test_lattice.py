@@ -568,3 +568,48 @@ def test_panda() -> None:
         assert find_lattice(x) is None
         natural = snap_to_lattice(x, Tolerance(0.5, "lsb"))
         assert (natural is not None) == (name == "fz")  # six decimals and a rounding
+
+
+# --- channels of which a thousand values are searched
+
+
+N = 20_000
+
+
+def rarely(x: Doubles, value: float) -> Doubles:
+    """x with that value at one place that no sample of the search lies at."""
+    x = x.copy()
+    x[12_345] = value
+    return x
+
+
+def test_one_sample_off_the_grid_joins_the_search() -> None:
+    x = np.round(np.random.default_rng(3).normal(size=N), 2) + 0.0
+    assert assert_exact(x, find_lattice(x)).calibration.d == 100
+    finer = rarely(x, 0.125)
+    assert assert_exact(finer, find_lattice(finer)).calibration.d == 200
+    assert find_lattice(rarely(x, 0.1 + 2**-55)) is None
+    coarse = 2 * np.round(x * 100) + 0.0
+    assert assert_exact(coarse, find_lattice(coarse)).calibration.step == 2
+    odd = rarely(coarse, 3.0)
+    assert assert_exact(odd, find_lattice(odd)).calibration.step == 1
+
+
+def test_the_tolerance_holds_for_samples_that_are_not_searched() -> None:
+    x = np.round(np.random.default_rng(4).normal(size=N), 3) + 0.0
+    moved = rarely(x, 0.5004)
+    near = snap_to_lattice(moved, Tolerance(1e-5))
+    assert near is not None
+    assert_within(moved, near, 1e-5)
+    on_uniform, _ = to_counts(Channel(moved, 1000), Tolerance(0.01))
+    assert on_uniform.calibration is not None
+    away = np.abs(on_uniform.calibration.physical(on_uniform.stored) - moved)
+    assert away.max() <= 0.01
+
+
+def test_values_that_leave_the_grid_more_often_than_they_are_looked_at() -> None:
+    rng = np.random.default_rng(5)
+    x = np.arange(N) / 8
+    some = rng.choice(N, 200, replace=False)
+    x[some] += rng.integers(1, 1 << 20, 200) / (1 << 20)
+    assert_exact(x, find_lattice(x))

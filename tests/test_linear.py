@@ -11,8 +11,10 @@ import pytest
 from forge import lpcx_parameters
 from hypothesis import given
 from hypothesis import strategies as st
+from twins import built, changed, same
 
 import hapfmt
+from hapfmt.codecs import exact
 from hapfmt.codecs.exact import (
     LINEAR,
     ExactParameters,
@@ -98,6 +100,51 @@ def test_doubles_come_back_as_the_page_says(case):
     ]
     _, expected = page_exact.decode_components(data, span, told)
     assert expected == [words(column) for column in columns]
+
+
+@built
+@given(cases(), st.data())
+def test_twins(case, data):
+    """A whole packet by one call, or what the readable loops say is wrong with it."""
+    rules, columns = case
+    count, span = len(rules), columns[0].size
+    counts = np.array(data.draw(st.lists(st.integers(4, 6), min_size=span, max_size=span)))
+    rows = np.repeat(counts[:, None], count, 1)
+    affines = [Affine(1, place, 10) for place in range(count)]
+    try:
+        parts = [
+            lacking_of(x, rule, affine, counts, columns).build(recall=data.draw(st.booleans()))
+            for x, rule, affine in zip(columns, rules, affines, strict=True)
+        ]
+    except ValueError:
+        return
+    rest = bytearray(b"".join(build_varint(len(part)) for part in parts[:-1]) + b"".join(parts))
+    for _ in range(data.draw(st.integers(0, 2)) if rest else 0):
+        rest[data.draw(st.integers(0, len(rest) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+
+    def found(*given):
+        try:
+            return [words(column) for column in decode_exact(*given).T]
+        except FormatError as error:
+            return type(error).__name__, error.requirement, error.offset, error.message
+
+    same(exact, found, b"\0" + rest, rules, affines, rows, 5)
+
+
+@built
+@pytest.mark.parametrize("wrong", [
+    {1: bytes(3)}, {1: b"\5\0\0\0"}, {1: b"\4\0\0\0" + bytes(8)}, {1: b"\4\0\1\0" + bytes(18)},
+    {1: bytes(5)}, {2: np.array([[1, 0, 0]])}, {2: np.array([[2**53 + 1, 0, 1]])}, {2: b""},
+    {2: np.ones((3, 3), np.int64)}, {3: bytes(7)}, {3: b""}, {4: np.zeros(3)},
+], ids=changed)  # fmt: skip
+def test_what_are_no_parameters(wrong):
+    given = {0: b"", 1: bytes(4), 2: np.array([[1, 2, 1]]), 3: np.ones(2, np.int32), 4: np.zeros(2)}
+    assert exact.compiled.exact_packet(*given.values())
+    assert given[4].tolist() == [3.0, 3.0]
+    with pytest.raises(ValueError, match="not the parameters"):
+        exact.compiled.exact_packet(*(given | wrong).values())
+    with pytest.raises(TypeError):
+        exact.compiled.exact_packet(b"")
 
 
 @given(cases())

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
-from hapfmt.reading.decoder import GrowingArray
+from hapfmt.spool import GrowingArray
 
 MIB = 1 << 20
 

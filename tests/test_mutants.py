@@ -101,6 +101,7 @@ class TestPage:
 
 
 class TestMatrix:
+    @pytest.mark.deep
     def test_cases_kill_some(self, tmp_path):
         chosen = [word for name in SOME for word in ("--mutant", name)]
         done = run("--quick", "--json", tmp_path / "out.json", *chosen)

@@ -32,7 +32,7 @@ PARTS = 4
 
 
 @pytest.mark.parametrize("part", range(PARTS))
-@either("count", FEWEST, deep=12_000 if PROFILE == "nightly" else 800)
+@either("count", FEWEST, deep=12_000 if PROFILE == "nightly" else 400)
 def test_mutants(part: int, count: int, tmp_path: Path) -> None:
     """
     VRD-001: A program that reads hapf files MUST end with the code of this clause. Programs that inspect, verify or recover files work on files with unknown critical parts as far as these are understood.

@@ -211,7 +211,7 @@ class TestSequenceNumbers:
 
 
 class TestClocksThatAreNotSteady:
-    @pytest.mark.parametrize("amplitude", [0.5, 2, 10])
+    @pytest.mark.parametrize("amplitude", [2, *deep([0.5, 10])])
     def test_a_clock_that_wanders(self, amplitude):
         """By up to 210 ppm at 1 kHz; 30 rows are lost."""
         rows = np.arange(300_000)
@@ -248,7 +248,9 @@ class TestClocksThatAreNotSteady:
             place(nanoseconds(1e-3 * ROWS - 50 * (ROWS % 2)), name="x")
 
 
-@pytest.mark.parametrize("rates", [(1000, 1000.05), (1000, 999), (1000, 1000), (1000, 1000, 1001)])
+@pytest.mark.parametrize(
+    "rates", [(1000, 1000), (1000, 1000, 1001), *deep([(1000, 1000.05), (1000, 999)])]
+)
 def test_publishers_in_turn_are_refused(rates):
     times = [
         Publisher(rate=rate, jitter=0.02, bursts=0, lost=(), seed=n).messages()[1] + n * 0.0003

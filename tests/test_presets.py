@@ -513,7 +513,7 @@ class TestLaw:
 
     @pytest.mark.skipif(not DATA.is_dir(), reason="no ../shared/data")
     @pytest.mark.parametrize("asked", LOSSY, ids=lambda asked: " ".join(map(str, asked.values())))
-    @either("parts", (3, 1500, 3), deep=(1, 3000, 4))
+    @either("parts", (5, 1500, 3), deep=(1, 3000, 4))
     def test_recorded(self, asked, parts):
         for name, part, largest in recorded_parts(*parts):
             assert size_of(part, Settings.of(**asked)) <= largest, name
@@ -566,9 +566,9 @@ class TestKeptAs:
 
     @pytest.mark.parametrize("preset", ASKED)
     @pytest.mark.parametrize("name", KEPT)
-    @either("every", 3, deep=1)
+    @either("every", 6, deep=1)
     def test_encode_and_info_use_the_same_words(self, name, preset, every):
-        """Each option with a third of the recordings, or with all."""
+        """Each option with a sixth of the recordings, or with all."""
         asked = ASKED[preset]
         for options in asked[[*KEPT].index(name) % len(asked) % every :: every]:
             self.check(KEPT[name], preset, options)

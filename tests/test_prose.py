@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from inspect import cleandoc
 from pathlib import Path
 
@@ -126,9 +127,16 @@ def test_help_texts() -> None:
     assert {name: each for name, each in found.items() if each} == {}
 
 
+@cache
+def statements(path: Path) -> list[ast.Raise | ast.Expr]:
+    """Those that have texts for people."""
+    nodes = ast.walk(ast.parse(path.read_text("utf-8")))
+    return [node for node in nodes if isinstance(node, (ast.Raise, ast.Expr))]
+
+
 def messages(path: Path) -> Iterator[tuple[int, str]]:
     """The texts of ``raise XError(...)``: expressions within are {}."""
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    for node in statements(path):
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
             for argument in node.exc.args:
                 yield from ((node.lineno, text) for text in texts(argument))
@@ -157,9 +165,9 @@ def test_messages() -> None:
     assert found == []
 
 
-def docstrings(tree: ast.AST) -> Iterator[tuple[int, str]]:
+def docstrings(path: Path) -> Iterator[tuple[int, str]]:
     """Also those below a constant or a field."""
-    for node in ast.walk(tree):
+    for node in statements(path):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             text = node.value.value
             if isinstance(text, str):
@@ -196,7 +204,7 @@ def c_comments(source: str) -> Iterator[tuple[int, str]]:
 def remarks(path: Path) -> Iterator[tuple[int, str]]:
     source = path.read_text("utf-8")
     if path.suffix == ".py":
-        yield from docstrings(ast.parse(source))
+        yield from docstrings(path)
         yield from blocks(comments_of(source))
     else:
         yield from blocks(c_comments(source))

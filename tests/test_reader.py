@@ -19,6 +19,7 @@ import hapfmt
 from hapfmt.errors import FormatError, HapfmtError, LimitError, ParameterError
 from hapfmt.limits import LEVELS, Limits
 from hapfmt.numbers import clamp
+from hapfmt.reading import catalogue
 from hapfmt.reading.decoder import TrackDecoder
 from hapfmt.reading.reader import Reader
 from hapfmt.recording import Calibration, Channel, Recording, Span
@@ -452,3 +453,24 @@ def test_a_file_that_changes_while_it_is_read(tmp_path):
             stream.write(b"gone")
         with pytest.raises(FormatError, match="changed while it was read"):
             list(pieces)
+
+
+def test_channels_are_put_together_once(monkeypatch):
+    """So a loop over reader.channels[i] takes time in proportion to their number."""
+    made = Counter()
+
+    class Counted(catalogue.ChannelRef):
+        def __init__(self, *given):
+            made.update(["channel"])
+            super().__init__(*given)
+
+    monkeypatch.setattr(catalogue, "ChannelRef", Counted)
+    data = io.BytesIO()
+    hapfmt.write(np.arange(60, dtype=np.int32).reshape(20, 3), data, rate=100, transpose=False)
+    with Reader(data.getvalue()) as reader:
+        numbers = [reader.channels[place].number for place in range(20)]
+        reader.channels.pop()
+        assert numbers == [ref.number for ref in reader.channels] == list(range(20))
+        reader.scan()
+        assert len(reader.read().channels) == 20
+    assert made["channel"] <= 40

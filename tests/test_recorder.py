@@ -103,7 +103,7 @@ def chunkings(draw, sources, most_calls=600):
 
 
 @pytest.mark.compiled
-@either("most_calls", 600, deep=3000)
+@either("most_calls", 600, 1500, 3000)
 @given(data=st.data())
 def test_any_chunking_gives_the_recording_of_the_whole(most_calls, data):
     found = data.draw(st.lists(sources(), min_size=1, max_size=4, unique_by=lambda s: s[0].label))
@@ -783,7 +783,7 @@ def test_memory_stays_that_of_a_few_clusters(tmp_path):
         peaks = []
         for _ in range(3):
             tracemalloc.start()
-            for _ in range(150):
+            for _ in range(50):
                 recorder.write_rows(rows)
             recorder.flush()
             peaks.append(tracemalloc.get_traced_memory())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -15,27 +16,19 @@ from hypothesis import strategies as st
 
 import hapfmt
 from hapfmt import Calibration, Channel, Recording, Settings
+from hapfmt.codecs import predicted
 from hapfmt.codecs.predicted import (
     Predictor,
-    encode_component,
     encode_indices,
     parse_header,
     split_components,
 )
-from hapfmt.encoder import references
+from hapfmt.encoder import predict, references
+from hapfmt.encoder.effort import EFFORTS
 from hapfmt.encoder.encode import encode
 from hapfmt.encoder.plan import bound_promise
 from hapfmt.encoder.predict import encode_best
-from hapfmt.encoder.references import (
-    SampleView,
-    choose_sources,
-    find_links,
-    fit,
-    intervals,
-    moments,
-    quick_predictor,
-    refer,
-)
+from hapfmt.encoder.references import find_links, fit, intervals, places_in
 from hapfmt.recording import Span
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -70,6 +63,15 @@ def assert_same(recording, data):
     for before, after in zip(recording.channels, back.channels, strict=True):
         assert after.coverage == before.coverage
         assert after.samples().tobytes() == before.samples().tobytes()
+
+
+@contextmanager
+def plain_loops():
+    """The readable twins."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (predict, predicted, references):
+            patch.setattr(module, "compiled", None)
+        yield
 
 
 class TestTracks:
@@ -231,7 +233,7 @@ class TestNearLossless:
 
 
 def links_of(rows):
-    return find_links(rows, np.arange(rows[0].size) >= references.SETTLING)
+    return find_links(np.array(rows), np.zeros(len(rows[0]), bool))
 
 
 class TestLinks:
@@ -273,11 +275,9 @@ class TestLinks:
         g = np.random.default_rng(2)
         a, b = g.integers(-4000, 4001, (2, 3000))
         x = a // 2 - np.append(b[1:], 0) // 4
-        predictor, _, _ = parse_header(encode_best(x), 0)
-        one, two = fit(x, predictor, [a, b], (0, 1))
-        assert (one.component, two.component) == (0, 1)
-        expected = [(0, 32, 0), (0, 0, -16)]
-        assert np.abs(np.array([one.weights, two.weights]) - expected).max() <= 3
+        found = fit(np.array([a, b, x]), 2, (0, 1))
+        assert np.abs(np.array(found.weights) - [0, 32, 0, 0, 0, -16]).max() <= 3
+        assert found.bits < found.without / 5
 
     def test_a_tap_does_not_spoil_the_weights(self):
         """One sample in a thousand, a hundred times as large, with a sign of its own."""
@@ -286,32 +286,33 @@ class TestLinks:
         x = a + g.integers(-1, 2, 4000)
         x[::1000] = -2000
         a[::1000] = 2000
-        ((_, weights),) = fit(x, Predictor(), [a], (0,))
-        assert weights[1] > 24
-
-    def test_what_choose_sources_saves(self):
-        x = np.random.default_rng(1).integers(-99, 100, 4000)
-        settled = np.arange(x.size) >= references.SETTLING
-        left = moments(x, quick_predictor(x), [x], [0], settled)
-        links, saved = choose_sources(left, [0], 3000)
-        assert links == (0,)
-        assert saved > 5 * 3000
+        assert fit(np.array([a, x]), 1, (0,)).weights[1] > 24
 
     def test_what_is_looked_at(self):
-        """Four pieces of a long channel, joined without jumps; all of a short one."""
-        values = np.arange(100_000, dtype=np.int32)
-        (channel,) = channels([values], coverage=(Span(0, 14_000), Span(50_000, 136_000)))
-        view = SampleView.of(channel.coverage)
-        assert view.places.size == 4 * 4096
-        assert view.places[[0, 4096]].tolist() == [10_452, 35_452]
-        assert np.flatnonzero(view.torn).tolist() == [0, 3548, 4096, 8192, 12288]
-        assert (np.diff(view.indices(channel, 1))[~view.torn[1:]] == 1).all()
-        assert (np.diff(view.indices(channel, 1))[view.torn[1:]] == 0).all()
-        settled = np.flatnonzero(view.settled)
-        assert (settled[0], 3546 in settled, 3547 in settled) == (references.SETTLING, True, False)
-        (channel,) = channels([values[:500]])
-        view = SampleView.of(channel.coverage)
-        assert view.indices(channel, 3).tolist() == [(x + 1) // 3 for x in range(500)]
+        """Four pieces of a long channel, and all of a short one."""
+        places, torn = places_in((Span(0, 14_000), Span(50_000, 136_000)))
+        assert places.size == 4096
+        assert places[[0, 1024]].tolist() == [11_988, 36_988]
+        assert np.flatnonzero(torn).tolist() == [0, 1024, 2048, 3072]
+        places, torn = places_in((Span(0, 500), Span(600, 700)))
+        assert (places, np.flatnonzero(torn).tolist()) == (slice(None), [500])
+
+    @given(st.integers(0, 2**32), st.integers(2, 5), st.sampled_from([2, 40, 300, 4400]))
+    def test_the_twin_finds_the_same(self, seed, count, size):
+        g = np.random.default_rng(seed)
+        load = g.integers(-40, 41, size).cumsum() * int(g.integers(1, 5000))
+        rows = [
+            np.rint(share * np.roll(load, k - 1) + g.normal(0, 10 ** g.uniform(-1, 4), size))
+            for k, share in enumerate(g.uniform(-1.5, 2, count))
+        ]
+        table, torn = np.array(rows, np.int64), g.integers(0, size, size) == 0
+        with plain_loops():
+            links = find_links(table, torn)
+            fitted = fit(table, count - 1, tuple(range(count - 1)))
+        assert find_links(table, torn) == links
+        again = fit(table, count - 1, tuple(range(count - 1)))
+        assert (again.cross == fitted.cross).all()
+        assert replace(again, cross=fitted.cross) == fitted
 
     def test_a_jump_that_all_share_is_no_resemblance(self):
         g = np.random.default_rng(1)
@@ -342,24 +343,9 @@ def test_predictor_and_weights_are_fitted_in_turn():
     g = np.random.default_rng(1)
     load = g.integers(-90, 91, 3000).cumsum()
     pitch = np.rint(300 * np.sin(np.arange(3000) / 2)).astype(int) + g.integers(-2, 3, 3000)
-    x = load + pitch
-    alone = encode_best(x)
-    predictor, _, _ = parse_header(alone, 0)
-    once = encode_component(x, refer(x, predictor, [load], (0,)), [load])
-    assert len(references.encode_referring(x, alone, [load], (0,))) < 0.9 * len(once)
-
-
-def test_a_base_that_the_references_move():
-    """Level differences: the mean of the errors stays near 0."""
-    g = np.random.default_rng(1)
-    a = 3000 + g.integers(-200, 201, 3000)
-    a[0] = 0
-    b = a // 2 + g.integers(-1, 2, 3000)
-    data = references.encode_referring(b, encode_best(b), [a], (0,))
-    predictor, _, _ = parse_header(data, 0, 1)
-    assert predictor.references
-    far = encode_component(b, replace(predictor, base=predictor.base + 500), [a])
-    assert len(data) < len(encode_best(b)) / 3 and len(data) <= len(far)
+    rows = np.array([load, load + pitch])
+    data = references.encode_referring(rows, 1, (0,), EFFORTS["default"])
+    assert len(data) < 0.6 * len(encode_best(rows[1]))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -368,8 +354,8 @@ def test_higher_differences_have_no_coefficients(seed):
     noise = np.random.default_rng(seed).integers(-40, 41, 300)
     indices = np.arange(300) ** 2 // 9 + noise
     alone = encode_indices(indices, Predictor(2))
-    data = references.encode_referring(indices, alone, [noise], (0,))
-    assert len(data) < len(alone) // 2
+    rows = np.array([noise, indices])
+    assert len(references.encode_referring(rows, 1, (0,), EFFORTS["default"])) < len(alone) // 2
 
 
 def tactile_array(seed: int) -> Recording:

@@ -20,6 +20,7 @@ from functools import partial
 
 import pytest
 import replay_device as rd
+from depth import either
 from spec import ROOT
 from virtual_hid.descriptors import glove
 from virtual_hid.model import Fault
@@ -45,15 +46,16 @@ def constant(tmp_path_factory):
 SIGNALS = [signal.Signals[x] for x in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, x)]
 
 
-def test_signals(tmp_path, constant):
+@either("signals", SIGNALS[1:2], deep=SIGNALS)
+def test_signals(tmp_path, constant, signals):
     """PLY-007: However it ends, as far as it still runs, a player MUST send the neutral frame last, several times. It does not write to a device again once a write failed because the device is gone."""
-    devices = [(glove(serial=f"SN{number}"), ()) for number in SIGNALS]
+    devices = [(glove(serial=f"SN{number}"), ()) for number in signals]
     with world(devices=devices) as w:
         running = rd.together(w, constant, rd.patient(tmp_path))
-        for each, device, number in zip(running, w.devices, SIGNALS, strict=True):
+        for each, device, number in zip(running, w.devices, signals, strict=True):
             device.wait_for(rd.steady(200))
             each.signal(number)
-        for each, device, number in zip(running, w.devices, SIGNALS, strict=True):
+        for each, device, number in zip(running, w.devices, signals, strict=True):
             done = each.wait()
             report = rd.told(done)
             assert done.returncode == 128 + number

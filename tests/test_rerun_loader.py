@@ -179,7 +179,7 @@ class TestWindows:
             )
         )
         parts = self.parts(made)
-        assert len(parts) >= 6 and max(part.sample_count for part in parts) < 70_000
+        assert len(parts) >= 6 and max(part.sample_count for part in parts) < 72_000
         for number, channel in enumerate(made):
             assert np.array_equal(np.concatenate([p[number].stored for p in parts]), channel.stored)
 

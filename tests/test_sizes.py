@@ -201,6 +201,7 @@ class TestFiguresAreThoseOfToday:
         assert numbers([row[2] for row in found]) == about([row[2] for row in shown("clusters")])
         assert numbers([row[3] for row in found]) == about([row[3] for row in shown("clusters")])
 
+    @pytest.mark.deep
     @pytest.mark.skipif(not measured.DATA.exists(), reason="there are no recordings")
     def test_compression_of_one_recording(self):
         path = next(p for p in files_in(measured.DATA) if str(p).endswith(f"{presets.FOAM}.npz"))

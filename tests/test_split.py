@@ -266,7 +266,7 @@ class TestSelectKnots:
     def test_equals_the_plain_one_on_long_tracks(self, components, vector, reference):
         """Noise, rest, a slow walk and 32-bit steps one after the other."""
         rng = np.random.default_rng(5)
-        size = (6000, components)
+        size = (2000, components)
         full = np.where(rng.integers(0, 2, size) == 0, -(2**31), 2**31 - 1)
         slow = np.concatenate(
             [

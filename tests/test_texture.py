@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import run_in_terminal
-from depth import either
+from depth import deep, either
 from hypothesis import given
 from hypothesis import strategies as st
 from terminal import called
@@ -110,7 +110,7 @@ class TestTargets:
         assert (reached <= (1 + CLOSE) * db + 1e-9) == (decision.missed == "")
         assert slow_keeps_deadband(x, y, 1000.0)
 
-    @pytest.mark.parametrize("wanted", [0.8, 0.95, 0.98])
+    @pytest.mark.parametrize("wanted", [0.95, *deep([0.8, 0.98])])
     @pytest.mark.parametrize("make", ["counts", "doubles"])
     def test_st_sim(self, wanted: float, make: str) -> None:
         pytest.importorskip("vibromaf")
@@ -142,7 +142,7 @@ class TestTargets:
         with pytest.raises(MissingExtraError, match=r"hapfmt\[metrics\]"):
             decided(doubles(texture()), st_sim=0.9)
 
-    @pytest.mark.parametrize("kbps", [3, 6, 12])
+    @pytest.mark.parametrize("kbps", [6, *deep([3, 12])])
     def test_bit_rate(self, kbps: float) -> None:
         """Of the whole file; what has no texture counts too."""
         channels = (
@@ -223,7 +223,7 @@ class TestLadder:
         assert medium <= (1 + CLOSE) * high + 8
 
     @pytest.mark.skipif(not DATA.is_dir(), reason="no ../shared/data")
-    @either("parts", (12, 3000), deep=(1, 12000))
+    @either("parts", (24, 3000), deep=(1, 12000))
     def test_recorded(self, parts: tuple[int, int]) -> None:
         every, size = parts
         for path in sorted(DATA.rglob("*.npz"))[::every]:

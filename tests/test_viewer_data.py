@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from depth import DEEP, examples, sample
+from depth import either, examples, sample
 from fuzzing.mend import mend_file
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -658,11 +658,12 @@ def test_wrong_numbers_under_right_checksums(viewer: Viewer, folder: Path) -> No
         check_or_refuse(viewer, path)
 
 
-def test_inputs_that_a_fuzzer_found(viewer: Viewer, folder: Path) -> None:
+@either("every", 24, deep=1)
+def test_inputs_that_a_fuzzer_found(viewer: Viewer, folder: Path, every: int) -> None:
     path = folder / "found.hapf"
     places = [ROOT / "tests" / "corpus" / name for name in ("file", "recovered", "edited")]
     inputs = sorted(one for place in places for one in place.iterdir())
-    for one in inputs[:: 1 if DEEP else 8]:
+    for one in inputs[::every]:
         path.write_bytes(mend_file(one.read_bytes()))
         check_or_refuse(viewer, path)
 

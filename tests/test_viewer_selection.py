@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import base64
 import io
 import json
@@ -10,6 +11,7 @@ import shutil
 import subprocess
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,17 +33,29 @@ NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="needs node")
 
 
+@cache
+def program() -> subprocess.Popen[str]:
+    """Of all tests here: to start it takes longer than most of them."""
+    assert NODE
+    made = subprocess.Popen(
+        [NODE, str(ROOT / "tests" / "viewer" / "pure.mjs")],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    atexit.register(made.communicate)
+    return made
+
+
 def node(module: str, code: str, given: Any) -> Any:
     """What ``code`` returns, with the module as ``m`` and the value as ``input``."""
-    assert NODE
     text = json.dumps({"module": module, "code": code, "input": given}, default=np.ndarray.tolist)
     text = re.sub(r"(?<![\w\"])-?(?:NaN|Infinity)", r'"\g<0>"', text)
-    done = subprocess.run(
-        [NODE, str(ROOT / "tests" / "viewer" / "pure.mjs")],
-        input=text, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)["value"]
+    process = program()
+    assert process.stdin and process.stdout
+    process.stdin.write(f"{text}\n")
+    process.stdin.flush()
+    told = json.loads(process.stdout.readline())
+    assert "error" not in told, told["error"]
+    return told["value"]
 
 
 def noisy(count: int, seed: int = 1) -> NDArray[np.float64]:

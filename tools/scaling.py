@@ -1,9 +1,10 @@
-"""Time and memory against length: a simulated glove of 22 channels at 1 kHz, 1, 10, 100 minutes.
+"""Time and memory against length and channels: a simulated glove at 1 kHz, 1 s to 100 minutes of
+22 channels, and 10 s of 1 to 2048 channels.
 
-python tools/scaling.py [--minutes 1,10,100] [--preset lossless] [--sensors 22]
+python tools/scaling.py [--minutes 1,10,100] [--sensors 8,512] [--preset lossless] [--picture FILE]
 
-Each step runs in a process of its own. Time is CPU time for each minute of recording: flat where
-the work is linear. Memory is the peak while the step runs, beyond what the process holds when it
+Each step runs in a process of its own. Time is CPU time for each million samples: flat where the
+work is linear. Memory is the peak while the step runs, beyond what the process holds when it
 begins (for encode, the recording) and, for read, beyond the arrays that it returns.
 """
 
@@ -17,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
 
@@ -33,7 +35,14 @@ from hapfmt.format.source import open_source
 from hapfmt.reading.dump import measure
 
 STEPS = ("encode", "read", "pieces", "verify", "du", "info")
+DRAWN = ("encode", "read", "verify")
 MIB = 1 << 20
+
+Lines = dict[str, dict[str, list[tuple[float, float]]]]
+"""By title and step: million samples and CPU seconds."""
+
+BRIEF_S, TIMES = 0.2, 5
+"""Steps that take less are repeated."""
 
 
 def resident() -> int:
@@ -94,48 +103,93 @@ def child(step: str, path: str, preset: str, minutes: float, sensors: int) -> No
     hapfmt.write(small, stream, hapfmt.Settings.of(preset))
     hapfmt.verify(stream.getvalue(), against=small)
     work = work_of(step, path, preset, minutes, sensors)
-    before, began = resident(), time.process_time()
-    result = work()
-    seconds = time.process_time() - began
+    before, result = resident(), 0
+    times: list[float] = []
+    while len(times) < TIMES and sum(times) < BRIEF_S:
+        began = time.process_time()
+        result = work()
+        times.append(time.process_time() - began)
+    seconds = min(times)
     print(json.dumps({"seconds": seconds, "extra": max(peak() - before - result, 0)}))
 
 
+def measured(step: str, path: str, preset: str, minutes: float, sensors: int) -> dict[str, float]:
+    """A step in a process of its own."""
+    arguments = ["--minutes", repr(minutes), "--preset", preset, "--sensors", str(sensors),
+                 "--step", step, "--file", path]  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, __file__, *arguments], check=True, capture_output=True, text=True,
+        env=environment(),
+    )  # fmt: skip
+    found: dict[str, float] = json.loads(done.stdout)
+    return found
+
+
+def draw(path: str, lines: Lines) -> None:
+    """CPU seconds against samples, a panel for each of the ways to grow; gray: in proportion."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, len(lines), sharey=True, squeeze=False)[0]
+    for axes, (title, steps) in zip(panels, lines.items(), strict=True):
+        for step, points in steps.items():
+            x, y = zip(*points, strict=True)
+            axes.plot(x, [y[-1] * each / x[-1] for each in x], color="0.8", linewidth=1)
+            axes.plot(x, y, marker="o", label=step)
+        axes.set(xscale="log", yscale="log", title=title, xlabel="million samples")
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel("CPU seconds")
+    panels[0].legend()
+    figure.savefig(path, dpi=100)
+
+
 @click.command(help=__doc__)
-@click.option("--minutes", default="1,10,100", help="Lengths.")
+@click.option("--minutes", default="1/60,1/6,1,10,100", help="Lengths, of 22 channels.")
+@click.option("--sensors", default="1,8,64,512,2048", help="Numbers of channels, of 10 s.")
 @click.option("--preset", default="lossless", help="lossless, near-lossless, perceptual or paper.")
-@click.option("--sensors", default=SENSORS, help="Channels.")
+@click.option("--picture", default="", help="Draw the times into this file.")
 @click.option("--step", help="One step only, in this process, for --file.", hidden=True)
 @click.option("--file", "path", default="", hidden=True)
-def main(minutes: str, preset: str, sensors: int, step: str | None, path: str) -> None:
+def main(
+    minutes: str, sensors: str, preset: str, picture: str, step: str | None, path: str
+) -> None:
     if step:
-        child(step, path, preset, float(minutes), sensors)
+        child(step, path, preset, float(minutes), int(sensors))
         return
-    lengths = minutes.split(",")
-    rows = []
+    lengths = [(float(Fraction(each)), SENSORS) for each in minutes.split(",") if each]
+    widths = [(1 / 6, int(each)) for each in sensors.split(",") if each]
+    ways = {"22 channels, longer and longer": lengths, "10 s, more and more channels": widths}
+    ways = {title: sizes for title, sizes in ways.items() if sizes}
+    rows: list[list[object]] = []
+    lines: Lines = {}
     with (
         tempfile.TemporaryDirectory() as folder,
         Progress(console=Console(stderr=True), transient=True) as bar,
     ):
-        task = bar.add_task("scaling", total=len(lengths) * len(STEPS))
-        for length in lengths:
-            path = str(Path(folder) / "glove.hapf")
-            row: list[object] = [length, f"{sensors * 60 * float(length) / 1000:.1f}"]
-            for each in STEPS:
-                bar.update(task, description=f"{length} min, {each}")
-                arguments = ["--minutes", length, "--preset", preset, "--sensors", str(sensors),
-                             "--step", each, "--file", path]  # fmt: skip
-                done = subprocess.run(
-                    [sys.executable, __file__, *arguments], check=True, capture_output=True,
-                    text=True, env=environment(),
-                )  # fmt: skip
-                found = json.loads(done.stdout)
-                row.append(f"{found['seconds'] / float(length):.3f} s, {found['extra'] / MIB:.0f}")
-                bar.advance(task)
-            row.insert(2, f"{Path(path).stat().st_size / 1e6:.2f}")
-            rows.append(row)
+        task = bar.add_task("scaling", total=sum(map(len, ways.values())) * len(STEPS))
+        for title, sizes in ways.items():
+            steps = lines.setdefault(title, {each: [] for each in DRAWN})
+            for length, count in sizes:
+                path = str(Path(folder) / "glove.hapf")
+                samples = count * 60 * length / 1000
+                row: list[object] = [f"{60 * length:g}", count, f"{samples:.2f}"]
+                for each in STEPS:
+                    bar.update(task, description=f"{60 * length:g} s x {count}, {each}")
+                    found = measured(each, path, preset, length, count)
+                    if each in steps:
+                        steps[each].append((samples, found["seconds"]))
+                    mib = found["extra"] / MIB
+                    row.append(f"{1000 * found['seconds'] / samples:.1f} ms, {mib:.0f}")
+                    bar.advance(task)
+                row.insert(3, f"{Path(path).stat().st_size / 1e6:.2f}")
+                rows.append(row)
     print_origin()
-    print(f"preset {preset}: CPU seconds for each minute of recording, then peak MiB\n")
-    print_table(["minutes", "M samples", "file MB", *STEPS], rows)
+    print(f"preset {preset}: CPU time for each million samples, then peak MiB\n")
+    print_table(["seconds", "channels", "M samples", "file MB", *STEPS], rows)
+    if picture:
+        draw(picture, lines)
 
 
 if __name__ == "__main__":

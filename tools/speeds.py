@@ -80,8 +80,28 @@ def walks() -> hapfmt.Recording:
     return hapfmt.Recording(tuple(hapfmt.Channel(row.astype(np.int32), 1000) for row in rows))
 
 
+def bench_day(samples: int = 240_000) -> hapfmt.Recording:
+    """Two minutes of a laboratory, 30 channels at 2 kHz: 15 of counts, and the doubles that a
+    program makes of counts by gains and offsets."""
+    rng = np.random.default_rng(3)
+    seconds = np.arange(samples) / 2000
+    channels = []
+    for i in range(30):
+        drift = np.cumsum(rng.normal(0, 3, samples)) + rng.normal(0, 5, samples)
+        row = np.clip(np.round(9000 * np.sin(seconds * (1 + i / 9)) + drift), -32768, 32767)
+        gain = 20 / 65536 * (1 + i / 7)
+        values = row.astype(np.int32) if i % 2 else row * gain + (i % 4) * 0.0123
+        channels.append(hapfmt.Channel(values, 2000, lsb=gain))
+    return hapfmt.Recording(tuple(channels))
+
+
 def rows_of(recording: hapfmt.Recording) -> list[np.ndarray]:
-    return [channel.stored.astype(np.int64) for channel in recording.channels]
+    """Counts; those that doubles were made of."""
+    return [
+        np.rint(c.stored / c.lsb if c.stored.dtype.kind == "f" and c.lsb else c.stored)
+        .astype(np.int64)
+        for c in recording.channels
+    ]  # fmt: skip
 
 
 class Flac(NamedTuple):
@@ -379,10 +399,11 @@ def draw(cases: Cases, path: Path, repeats: int) -> None:
 
 
 def cases_of(known: Sequence[tuple[str, hapfmt.Recording]], data: Path) -> Cases:
-    """A stylus on a simulated texture, three recordings and walks; or all that are given."""
+    """A stylus on a simulated texture, three recordings, walks, and counts beside doubles; or all
+    that are given."""
     named = dict(known)
     if data != DATA or not all(path in named for path in CASES.values()):
         return named
     slide = simulate("sand", SLIDE_SECONDS, 1, 8000)
     recorded = {name: named[path] for name, path in CASES.items()}
-    return {"slide": slide, **recorded, "22 x 10 s": walks()}
+    return {"slide": slide, **recorded, "22 x 10 s": walks(), "counts, doubles": bench_day()}

@@ -130,8 +130,9 @@ MUTANTS = (
         "VAL-003",
         Edit(
             CALIBRATION,
-            "numerator.astype(np.float64) / float(self.d)",
-            "counts.astype(np.float64) * (self.a / self.d) + self.b / self.d",
+            "x *= self.a\n        x += self.b  # and -0.0 becomes 0.0\n"
+            "    if self.d != 1:\n        x /= self.d",
+            "x = x * (self.a / self.d) + self.b / self.d\n    elif self.d != 1:\n        x /= self.d",
         ),
     ),
     mutant(
@@ -140,8 +141,8 @@ MUTANTS = (
         "VAL-003",
         Edit(
             CALIBRATION,
-            "numerator.astype(np.float64) / float(self.d)",
-            "numerator.astype(np.float64) * (1 / self.d)",
+            "x /= self.d",
+            "x *= 1 / self.d",
         ),
     ),
 )

@@ -532,11 +532,12 @@ def load_recording(
             "--labels and --unit require .npz, .npy, .csv or .wav input", path=name
         )
     from ..reading.reader import Reader
+    from ..spool import Spool
 
     with Reader(input_of(name), limits=limits) as reader, progress("decoding") as advance:
         names = parse_channels(select, [ref.label for ref in reader.channels])
         numbers = sorted({ref.number for ref in reader.select(names)})
-        recording = reader.read(None if names is None else numbers, progress=advance)
+        recording = reader.read(None if names is None else numbers, progress=advance, store=Spool())
         return recording, tell_losses(reader)
 
 
@@ -555,6 +556,7 @@ def opened_input(
     block. ``whole`` names what needs all of it in memory, if anything does."""
     from ..convert import opened
     from ..convert.tables import Import
+    from ..spool import Spool
     from ..writing.importing import read_if_small
 
     if suffix_of(name, format_) == HAPF:
@@ -563,7 +565,12 @@ def opened_input(
     with ExitStack() as bar:
         advance = bar.enter_context(progress("reading"))
         with opened(
-            input_of(name), format=format_, limits=limits, progress=advance, **asked_of(given)
+            input_of(name),
+            format=format_,
+            limits=limits,
+            progress=advance,
+            store=Spool(),
+            **asked_of(given),
         ) as (_, found, options):
             kept = read_if_small(found, options, limits, whole)
             bar.close()

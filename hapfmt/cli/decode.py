@@ -85,6 +85,7 @@ def decode(
     hapfmt decode - - --output-format csv < touch.hapf | head
     """
     from ..reading.reader import Reader
+    from ..spool import Spool
 
     suffix_of(target, output_format)
     refuse_output(target, output_format, force)
@@ -93,7 +94,9 @@ def decode(
         names = parse_channels(channels, [ref.label for ref in reader.channels])
         reader.check_band(names, cast("Band", band))
         with progress("decoding") as advance:
-            recording = reader.read(names, start, stop, band=cast("Band", band), progress=advance)
+            recording = reader.read(
+                names, start, stop, band=cast("Band", band), progress=advance, store=Spool()
+            )
         nothing = (start is not None or stop is not None) and not recording.sample_count
         if (nothing and reader.lost) or (reader.findings and not reader.catalogue.tracks):
             nothing = True

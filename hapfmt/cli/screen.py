@@ -494,7 +494,7 @@ SHOWN = 20
 RARE = {
     *GROUPS["For experts"],
     *("--force-error", "--k", "--floor", "--snr", "--st-sim", "--synthetic-texture", "--bits"),
-    *("--step", "--clock", "--episode", "--map"),
+    *("--step", "--fast", "--clock", "--episode", "--map"),
 }
 """Options that only experts use."""
 

@@ -594,7 +594,7 @@ class ByBits:
 def quiet_section(numbers: Sequence[int]) -> ByBits | None:
     """Integers by bits, with signs, where these take less than those of a class."""
     size = len(numbers)
-    if size >= SURE and sum(map(abs, numbers)) < size // 2:
+    if size >= SURE and sum(map(abs, numbers)) < 2 * size // 3:
         return ByBits.of(numbers, signs=True)
     cost = class_cost(numbers) + Signs.of(numbers).cost
     found = ByBits.of(numbers, signs=True) if cost <= 256 * QUIET * size else None

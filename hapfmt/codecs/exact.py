@@ -25,8 +25,8 @@ from ..kernels import compiled
 from ..limits import Level
 from ..numbers import parse_varint
 from .entropy import Decoder, Encoder, Lengths, bit_ends, probability, put_by_length, share_of
-from .grids import LpcParameters
-from .predicted import decode_predicted, parts_of
+from .grids import UNIT_GRID
+from .predicted import decode_moved, parts_of
 
 QUOTIENT, PRODUCT, SIGNIFICANT, CUBIC, LINEAR = range(5)
 PLACES_LIMIT, DIGITS_LIMIT = 22, 15
@@ -223,7 +223,7 @@ LARGEST = np.int64((1 << 63) - 1)
 def ordered(doubles: Doubles) -> Counts:
     """Bit patterns as signed integers that grow with the value; -0.0 is -1, 0.0 is 0."""
     bits = np.ascontiguousarray(doubles, "<f8").view(np.int64)
-    return np.where(bits < 0, ~(bits & LARGEST), bits)
+    return np.asarray(bits ^ (bits >> 63 & LARGEST))
 
 
 def unordered(places: Counts) -> Doubles:
@@ -252,6 +252,9 @@ RANKS = 6
 
 FRESH, SAME, KNOWN = range(3)
 """A count that was not met before in the packet, that of the sample before, another one."""
+
+TABLED = 8
+"""Counts whose range is at most so many times their number are ranked by a table."""
 
 WORK = 2
 """Numbers of 64 bits for each sample, in which the compiled loops remember: a value, a link, and a
@@ -364,28 +367,51 @@ def split_packet(data: bytes, offset: int) -> tuple[bytes, bytes, int]:
     return data[start : start + size], data[start + size :], offset + start + size
 
 
-def decode_counts(data: bytes, span: int, count: int, level: Level, offset: int) -> Counts:
-    """The counts [span, components] alone: the exact values are not looked at."""
+def decode_counts(
+    data: bytes, span: int, count: int, level: Level, offset: int, low: int, high: int
+) -> NDArray[np.int32]:
+    """The counts [span, components] alone, which lie within their range: the exact values are not
+    looked at."""
     coded, _, stop = split_packet(data, offset)
-    return decode_predicted(coded, LpcParameters(), span, count, level, stop - len(coded))
+    at = stop - len(coded)
+    counts, moved = decode_moved(coded, UNIT_GRID, span, count, level, at, low, high)
+    if moved:
+        raise FormatError(
+            "a count with exact values outside the declared range",
+            requirement="EXA-003",
+            offset=offset,
+        )
+    return counts
 
 
 def decode_exact(
     data: bytes,
     parameters: Sequence[ExactParameters],
     affines: Sequence[Affine],
-    counts: Counts,
+    counts: NDArray[Any],
     offset: int,
+    described: bytes = b"",
 ) -> Doubles:
-    """The source's doubles [span, components], given the counts of the same packet."""
+    """The source's doubles [span, components], given the counts of the same packet. ``described``:
+    the bytes of the parameters."""
     _, rest, at = split_packet(data, offset)
+    if compiled is not None:
+        out = np.empty(counts.T.shape)
+        rows = np.ascontiguousarray(counts.T, np.int32)
+        for place, each in enumerate(parameters):
+            if each.rule == SIGNIFICANT:
+                out[place] = each.values(rows[place].astype(np.int64), affines[place])
+        described = described or b"".join(each.build() for each in parameters)
+        if compiled.exact_packet(rest, described, np.array(affines, np.int64), rows, out):
+            return out.T
+    # Python decodes the rest, and reports which rule is broken.
     ends = parts_of(rest, len(parameters), at) if rest else [(0, 0)] * len(parameters)
     if ends is None:
         raise FormatError("parts larger than their packet", requirement="EXA-003", offset=at)
     out = np.empty((len(parameters), len(counts)))
     for place in in_order(parameters):
         start, stop = ends[place]
-        column = np.ascontiguousarray(counts[:, place])
+        column = counts[:, place].astype(np.int64)
         moves = decode_moves(rest[start:stop], column, at + start)
         values = parameters[place].values(column, affines[place])
         if parameters[place].rule == LINEAR:
@@ -461,15 +487,24 @@ def corrections_of(source: Doubles, doubles: Doubles) -> Counts:
     """Steps from each double to that of the source; ValueError from 2^63 on."""
     x, y = ordered(source), ordered(doubles)
     corrections = x - y
-    # Wrapped around, or the one number without a positive twin.
-    far = ((x ^ y) & (x ^ corrections)) < 0
-    if far.any() or (corrections == np.iinfo(np.int64).min).any():
-        raise ValueError("a correction of 2^63 or more")
+    apart = x ^ y
+    if int(apart.min(initial=0)) < 0:
+        # Wrapped around, or the one number without a positive twin.
+        far = (apart & (x ^ corrections)) < 0
+        if far.any() or (corrections == np.iinfo(np.int64).min).any():
+            raise ValueError("a correction of 2^63 or more")
     return corrections
 
 
 def ids_of(counts: Counts) -> NDArray[np.int32]:
     """The place of each count among the distinct ones of its packet."""
+    low = int(counts.min(initial=0))
+    extent = int(counts.max(initial=0)) - low
+    if extent < TABLED * counts.size:
+        # As below, without sorting.
+        seen = np.zeros(extent + 1, np.int32)
+        seen[counts - low] = 1
+        return np.asarray(np.cumsum(seen, dtype=np.int32)[counts - low] - 1, np.int32)
     return np.unique(counts, return_inverse=True)[1].astype(np.int32)
 
 

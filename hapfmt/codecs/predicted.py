@@ -30,7 +30,7 @@ from .entropy import (
     put_integers,
     quiet_section,
 )
-from .grids import UNIFORM, LpcParameters
+from .grids import LpcParameters, levels_of
 
 SINES = (
     0, 402, 804, 1206, 1608, 2009, 2411, 2811,
@@ -498,14 +498,37 @@ def decode_within(
     high: int,
 ) -> NDArray[np.int32]:
     """``decode_predicted``, clamped to the declared range (DEC-001)."""
+    counts, _ = decode_moved(data, parameters, span, count, level, offset, low, high)
+    return counts
+
+
+def decode_moved(
+    data: bytes,
+    parameters: LpcParameters,
+    span: int,
+    count: int,
+    level: Level,
+    offset: int,
+    low: int,
+    high: int,
+) -> tuple[NDArray[np.int32], bool]:
+    """``decode_predicted``, clamped; and whether a count lay outside."""
     bound = level.count_bound
-    rows = decode_components(data, span, count, parameters.index_limit(bound), offset)
-    out = np.empty((span, count), np.int32)
-    if compiled is not None and parameters.grid == UNIFORM and count == 1:
-        compiled.clamp_counts(rows[0], parameters.step, parameters.zero, low, high, out)
-        return out
-    for place, indices in enumerate(rows):
+    limit = parameters.index_limit(bound)
+    if compiled is not None:
+        out = np.empty((count, span), np.int32)
+        found = compiled.lpcr_packet(
+            data, count, limit, parameters.step or 1, parameters.zero,
+            levels_of(parameters, bound), low, high, TABLE, out,
+        )  # fmt: skip
+        if found:
+            return out.T, found > 1
+    # Python decodes the rest, and reports which rule is broken.
+    counts = np.empty((span, count), np.int32)
+    moved = False
+    for place, indices in enumerate(decode_components(data, span, count, limit, offset)):
         for first in range(0, span, BLOCK):
-            counts = parameters.counts(indices[first : first + BLOCK], bound)
-            out[first : first + BLOCK, place] = np.clip(counts, low, high)
-    return out
+            part = parameters.counts(indices[first : first + BLOCK], bound)
+            counts[first : first + BLOCK, place] = within = np.clip(part, low, high)
+            moved = moved or bool((within != part).any())
+    return counts, moved

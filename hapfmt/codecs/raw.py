@@ -24,6 +24,10 @@ DTYPES: dict[str, np.dtype[Any]] = {
     "binary64": np.dtype("<f8"),
 }
 
+LEVEL, APART, PROBED, PROBE_WINDOW, NOISY, LOOKED_UP = 6, 8192, 8, 13, 0.99, 8
+"""From 8192 ticks on each byte plane is deflated in its own way. A probe of an eighth tells which;
+what does not become smaller by 1 % is noise. Words of 8 ticks tell whether words repeat."""
+
 
 @dataclass(frozen=True)
 class RawParameters:
@@ -59,13 +63,56 @@ def encode_raw(numbers: NDArray[Any], word_size: int) -> bytes:
     """The packet of numbers [ticks, components], counts or words; the smaller method."""
     wide = numbers.astype("<i8") if numbers.dtype.kind == "i" else numbers
     columns = np.ascontiguousarray(wide.T)
-    octets = columns.view(np.uint8).reshape(columns.shape[0], columns.shape[1], -1)
-    planes = np.ascontiguousarray(octets[:, :, :word_size].transpose(0, 2, 1)).tobytes()
-    packer = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)
-    deflated = packer.compress(planes) + packer.flush()
-    if len(deflated) < len(planes):
+    octets = columns.view(np.uint8).reshape(*columns.shape, -1)
+    planes = np.ascontiguousarray(octets[:, :, :word_size].transpose(0, 2, 1))
+    if len(numbers) < APART:
+        deflated = pack(planes.tobytes(), LEVEL, zlib.Z_DEFAULT_STRATEGY)
+    else:
+        deflated = pack_apart(planes, [repeats(column) for column in columns])
+    if len(deflated) < planes.size:
         return bytes([DEFLATE]) + deflated
-    return bytes([STORED]) + planes
+    return bytes([STORED]) + planes.tobytes()
+
+
+def pack(data: bytes, level: int, strategy: int, *, last: bool = True, window: int = 15) -> bytes:
+    """Blocks of DEFLATE that end with a whole byte, so that others may follow."""
+    packer = zlib.compressobj(level, zlib.DEFLATED, -window, 8, strategy)
+    return packer.compress(data) + packer.flush(zlib.Z_FINISH if last else zlib.Z_SYNC_FLUSH)
+
+
+def pack_apart(planes: NDArray[np.uint8], repeating: list[bool]) -> bytes:
+    """One stream of byte planes [components, word size, ticks], each plane in its own way: where
+    bytes are noise, looking for repeated strings takes long and finds nothing."""
+    count, word_size, _ = planes.shape
+    parts = []
+    for place in range(count * word_size):
+        plane = planes[place // word_size, place % word_size].tobytes()
+        way = LEVEL, zlib.Z_DEFAULT_STRATEGY
+        if not repeating[place // word_size]:
+            way = way_of(plane)
+        parts.append(pack(plane, *way, last=place == count * word_size - 1))
+    return b"".join(parts)
+
+
+def way_of(plane: bytes) -> tuple[int, int]:
+    """Level and strategy by some bytes: stored, code words alone, or with repeated strings."""
+    size = min(len(plane) // PROBED, 1 << PROBE_WINDOW)
+    start = (len(plane) - size) // 2
+    some = plane[start : start + size]
+    sizes = [
+        len(pack(some, LEVEL, strategy, window=PROBE_WINDOW))
+        for strategy in (zlib.Z_HUFFMAN_ONLY, zlib.Z_DEFAULT_STRATEGY)
+    ]
+    if min(sizes) >= NOISY * len(some):
+        return 0, zlib.Z_DEFAULT_STRATEGY
+    return LEVEL, zlib.Z_HUFFMAN_ONLY if NOISY * sizes[0] <= sizes[1] else zlib.Z_DEFAULT_STRATEGY
+
+
+def repeats(column: NDArray[Any]) -> bool:
+    """Whether most of some words occur twice: then long strings may repeat."""
+    looked = column[:: -(-column.size // LOOKED_UP)]
+    again = sum(int(np.count_nonzero(column == word) > 1) for word in looked)
+    return 2 * again > looked.size
 
 
 def decode_raw(

@@ -16,8 +16,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
+import numpy as np
+
 from ..errors import HapfmtError, ParameterError, refuse_keywords
 from ..files import atomic_folder, atomic_write
+from ..spool import MEMORY, Memory, release
 from .formats import (
     HAPF,
     OURS,
@@ -37,6 +40,8 @@ from .formats import (
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from numpy.typing import NDArray
 
     from ..limits import Limits
     from ..reading.reader import Band
@@ -188,21 +193,23 @@ def opened(
     format: str | None = None,
     limits: Limits | None = None,
     progress: Advance | None = None,
+    store: Memory = MEMORY,
     **given: Any,
 ) -> Iterator[tuple[Format | None, Recording | Import, ReadOptions]]:
     """The same as its reader gives it, which may be a Recording, and the options for it. A .hapf
-    file is read whole, and its format is None."""
+    file is read whole, and its format is None. ``store``: where the samples are kept."""
     with _named(file), _source(file, limits) as source:
         chosen = _format_of(source, format)
         if chosen is None:
             yield None, _hapf(file, source, given, limits=limits), ReadOptions()
             return
-        options = _options(chosen, given, limits, progress)
+        options = replace(_options(chosen, given, limits, progress), store=store)
         yield chosen, _found(chosen, source, options), options
 
 
 def _hapf(file: Any, source: Source, given: dict[str, Any], *parts: Any, **more: Any) -> Recording:
     """A .hapf file, which takes none of the options ``given``."""
+    from ..format.source import source_of
     from ..reading.reader import read as read_hapf
 
     if named_options := [name for name, value in given.items() if value is not None]:
@@ -211,8 +218,10 @@ def _hapf(file: Any, source: Source, given: dict[str, Any], *parts: Any, **more:
             if named_options[0] in ("rate", "transpose")
             else f"{named_options[0]} is for other formats than .hapf"
         )
-    is_name = source.is_local or source.is_url
-    return read_hapf(file if is_name else source.stream, *parts, **more)
+    if source.is_local and not source.is_folder:
+        # It was opened to look at its first bytes.
+        return read_hapf(source_of(source.stream, source.name, owned=False), *parts, **more)
+    return read_hapf(file if source.is_folder or source.is_url else source.stream, *parts, **more)
 
 
 def _found(chosen: Format, source: Source, options: ReadOptions) -> Recording | Import:
@@ -446,16 +455,18 @@ def save(
             else:
                 with atomic_write(path, force=force) as stream:
                     notes = write(recording, Destination(stream), options)
-    nans = [
-        c.label or str(i)
-        for i, c in enumerate(recording.channels)
-        if c.stored.dtype.kind == "f" and (c.stored != c.stored).any()
-    ]
+    nans = [c.label or str(i) for i, c in enumerate(recording.channels) if _has_nan(c.stored)]
     more = [f"NaN values of {', '.join(nans)} cannot be told from gaps there"] if nans else []
     made = [c.label or str(i) for i, c in enumerate(recording.channels) if c.synthetic]
     if made:
         more.append(f"the texture of {', '.join(made)} is synthetic, which the file does not tell")
     return (*notes, *more)
+
+
+def _has_nan(x: NDArray[Any]) -> bool:
+    found = x.dtype.kind == "f" and bool(np.isnan(x).any())
+    release()
+    return found
 
 
 def _written(path: Path | None, format: str | None) -> Format:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ..errors import DataWarning, HapfmtError, LimitError, ParameterError
 from ..numbers import checked_rate, hertz
 from ..recording import CHANNEL_LIMIT, Channel, Recording, extent
+from ..spool import release
 from ..units import to_ucum, unknown_unit
 
 SLICE = 1 << 18
@@ -198,6 +199,7 @@ class Dense:
             if channel.stored.dtype.itemsize == 8 and not channel.is_counts:
                 for at in range(0, channel.stored.size, SLICE):
                     self._doubles(channel, at, at + SLICE)
+                    release()
 
     def row(self, number: int, first: int, last: int) -> NDArray[np.float64]:
         """[last - first] values of one channel at the ticks first <= tick < last."""
@@ -211,6 +213,7 @@ class Dense:
             if a < b:
                 at = self._places[number][place] + a - span.start
                 out[a - first : b - first] = self._doubles(channel, at, at + b - a)
+        release()
         return out
 
     def rows(self, number: int) -> Iterator[NDArray[np.float64]]:

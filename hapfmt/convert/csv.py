@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from ..errors import LimitError, MovedTimesWarning, ParameterError, channels_called
 from ..numbers import DOUBLE, double, plain_doubles
-from ..recording import Channel, Recording, Span, known_samples, spans_at, unique
+from ..recording import Channel, Recording, Span, spans_at, unique
+from ..spool import GrowingArray, Memory
 from ..times import TIME_UNITS, TickGrid, TimeStamps, seconds_of_date, time_name
 from ..units import split_name, to_ucum
 from .common import (
@@ -32,6 +33,7 @@ from .common import (
     with_notes,
 )
 from .formats import Destination, ReadOptions, Source, WriteOptions
+from .npy import rows_in, stored_samples
 from .timestamps import kept_stamps
 
 _COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.A | re.I)
@@ -169,6 +171,9 @@ class _Table:
         self._dates = False
         self._commas = False
         self._values = array("d")
+        self._store = options.store
+        self._filled = GrowingArray(self._store)
+        self._row_count = 0
 
     def recording(self, rate: Fraction | None) -> Recording:
         first = 0 if self._stamps is None else 1
@@ -176,8 +181,8 @@ class _Table:
         if not columns:
             raise ParameterError("a time column but no channel")
         self._read_rows(first)
-        x = np.frombuffer(self._values) if self._values else np.empty(0)
-        x = x.reshape(-1, columns)
+        whole = self._filled.joined()
+        x = (np.empty(0) if whole is None else whole).reshape(-1, columns)
         notes: list[str] = []
         stamps, grid = self._rising, self._rising_grid(rate, notes)
         if grid is not None:
@@ -204,8 +209,10 @@ class _Table:
                 if first + number in self._faults:
                     raise self._faults[first + number]
         channels = tuple(
-            _channel(label, unit, column, grid, notes)
-            for label, (_, unit), column in zip(labels, named, x.T, strict=False)
+            _channel(label, unit, column, grid, notes, self._store)
+            for label, (_, unit), column in zip(
+                labels, named, rows_in(x.T, "the table", self._store), strict=False
+            )
         ) + tuple(replace(channel, label=labels[-1]) for channel in kept)
         return Recording(channels, metadata=with_notes({}, notes), epoch_ns=grid.epoch_ns)
 
@@ -284,18 +291,28 @@ class _Table:
                 if self._delimiter == "," and len(row) > width:
                     hint = "; if commas are decimal signs, put semicolons between the cells"
                 self._refuse(f"a row of {len(row)} cells, where the header has {width}{hint}")
-            if not self._values:
+            if not self._row_count:
                 self._refuse_units([cell.strip() for cell in row])
             if self._stamps is not None:
                 self._add_time(self._stamps, row[0].strip())
             self._values.extend(self._row_values(row[first:], first))
             if self._rising is not None:
                 self._add_rising(row[0].strip())
-            if 8 * len(self._values) > self._max_memory:
+            self._row_count += 1
+            if len(self._values) >= SLICE:
+                self._fill()
+            if 8 * (width - first) * self._row_count > self._max_memory:
                 raise LimitError(
                     f"line {self._lines.number}: the values so far take more than "
                     f"{self._max_memory} bytes; allow more (max_memory=)"
                 )
+
+        self._fill()
+
+    def _fill(self) -> None:
+        if self._values:
+            self._filled.append(np.frombuffer(self._values))
+            self._values = array("d")
 
     def _refuse_units(self, row: list[str]) -> None:
         """A first row of texts, some of which are units."""
@@ -389,11 +406,16 @@ def _rises_evenly(x: NDArray[np.float64]) -> bool:
 
 
 def _channel(
-    label: str, unit: str, column: NDArray[np.float64], grid: TickGrid, notes: list[str]
+    label: str,
+    unit: str,
+    column: NDArray[np.float64],
+    grid: TickGrid,
+    notes: list[str],
+    store: Memory,
 ) -> Channel:
-    column, known = known_samples(column)
+    values, known = stored_samples(column, store)
     return Channel(
-        column[known],
+        values,
         grid.rate,
         spans_at(grid.ticks[known]),
         label=label,

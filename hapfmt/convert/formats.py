@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 from ..errors import DataWarning, LimitError, ParameterError, unknown
 from ..files import Closing
+from ..spool import MEMORY, Memory
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -131,6 +132,8 @@ class ReadOptions:
         bytes that the values may take.
     progress
         called as the file is read.
+    store
+        where the samples of a whole recording are kept.
     """
 
     rate: Fraction | None = None
@@ -142,6 +145,7 @@ class ReadOptions:
     keep_stamps: bool = False
     max_memory: int = 4 << 30
     progress: Advance | None = None
+    store: Memory = MEMORY
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,15 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import struct
 import tempfile
 import warnings
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any, cast
+from typing import IO, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +46,7 @@ from ..recording import (
     extent,
     index_of_channel,
 )
+from ..spool import release
 from .common import not_carried, rate_from, refusing
 from .formats import Destination, ReadOptions, WriteOptions
 from .layouts import SourceArray, SourceTree
@@ -71,6 +75,7 @@ LARGEST = (1 << 31) - 1
 """Bytes of a variable in MATLAB's own files of version 5."""
 _RESERVED = ("time", "fs", "units", "scale", "offset")
 _LONGEST_NAME = 63
+_TAG, _COMPRESSED, _PIECE = struct.Struct("<II"), 15, 1 << 20
 _AROUND = 256
 """Bytes around each array in a structure, at most."""
 
@@ -100,19 +105,44 @@ def write_ours(recording: Recording, target: Destination, options: WriteOptions)
     tables = list(zip(names, by_rate.items(), fields.values(), strict=True))
     for _, (rate, places), _ in tables:
         _check_size(recording, rate, places)
-    with tempfile.TemporaryFile() as file:
+    with tempfile.TemporaryFile() as plain:
         with refusing("this cannot be written as MAT"), warnings.catch_warnings():
             warnings.simplefilter("error")
-            _savemat(file, _Variables(_variables(recording, tables, options)))
-        file.seek(0)
-        file.write(HEADER)  # scipy writes the date there
-        file.seek(0)
-        while block := file.read(1 << 20):
-            target.stream.write(block)
+            _savemat(_Plain(plain), _Variables(_variables(recording, tables, options)))
+        plain.seek(len(HEADER))
+        target.stream.write(HEADER)  # scipy writes the date into its own
+        while tag := plain.read(_TAG.size):
+            _write_compressed(plain, tag, target.stream)
     return [
         *not_carried(recording, ".mat", *CARRIED, *recording.metadata),
         *exact_note(recording),
     ]
+
+
+class _Plain:
+    """The file that savemat fills. What was written of samples need not stay in memory."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.seek, self.tell = file.seek, file.tell
+
+    def write(self, data: bytes) -> int:
+        release()
+        return self._file.write(data)
+
+
+def _write_compressed(plain: IO[bytes], tag: bytes, stream: IO[bytes]) -> None:
+    """A variable, compressed piece by piece. scipy would compress all of it in memory."""
+    left, packing = _TAG.unpack(tag)[1], zlib.compressobj()
+    with tempfile.TemporaryFile() as packed:
+        packed.write(packing.compress(tag))
+        while block := plain.read(min(left, _PIECE)):
+            left -= len(block)
+            packed.write(packing.compress(block))
+        packed.write(packing.flush())
+        stream.write(_TAG.pack(_COMPRESSED, packed.tell()))
+        packed.seek(0)
+        shutil.copyfileobj(packed, stream, _PIECE)
 
 
 def _savemat(file: Any, variables: Mapping[str, Any]) -> None:
@@ -121,8 +151,7 @@ def _savemat(file: Any, variables: Mapping[str, Any]) -> None:
     except ImportError:
         raise MissingExtraError("scipy", "mat") from None
     savemat(
-        file, variables, appendmat=False, format="5", long_field_names=True, do_compression=True,
-        oned_as="column",
+        file, variables, appendmat=False, format="5", long_field_names=True, oned_as="column",
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import MissingExtraError, ParameterError
 from ..recording import Channel, Event, Recording, in_order
+from ..spool import release
 from ..version import __version__
 from .common import not_carried, refusing
 from .formats import Destination, WriteOptions
@@ -84,6 +85,7 @@ def write(recording: Recording, target: Destination, options: WriteOptions) -> l
             writer.add_message(ids[source], time, message, time, numbers[source] & 0xFFFFFFFF)
             numbers[source] += 1
         done += len(messages)
+        release()
         if options.progress:
             options.progress(done, total)
     writer.finish()

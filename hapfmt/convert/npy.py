@@ -6,6 +6,7 @@ import struct
 import sys
 import tokenize
 import warnings
+from collections.abc import Sequence
 from math import prod
 from typing import IO, Any
 
@@ -14,9 +15,12 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from ..errors import LimitError, ParameterError
-from ..recording import Channel, Recording, refuse_transpose, upright
+from ..recording import Channel, Recording, known_samples, refuse_transpose, spans_of, upright
+from ..spool import MEMORY, Memory, release
 from .common import (
+    BLOCK_SIZE,
     CHANNEL_LIMIT,
+    SLICE,
     Dense,
     choose_rate,
     exact_doubles,
@@ -33,20 +37,23 @@ _HEADERS = {
 }
 """Version 3 differs in the field names of structured arrays only, which hold no samples."""
 
+READ = 16 << 20
+"""Bytes that are there before the disk is asked for more."""
+
 _HEADER_ERRORS = (struct.error, SyntaxError, TypeError, RecursionError, tokenize.TokenError)
 
 
 def read(source: Source, options: ReadOptions) -> Recording:
     """[channels, samples] or [samples] of real numbers -> channels ch1, ch2 ...; NaN is a gap."""
-    array = read_array(source.stream, "the array", max_memory=options.max_memory)
-    x = doubles_2d(array, "the array", transpose=options.transpose)
+    store = options.store
+    array = read_array(source.stream, "the array", max_memory=options.max_memory, store=store)
+    x = doubles_2d(array, "the array", transpose=options.transpose, store=store)
     rate = choose_rate(options.rate, None, [])
-    return Recording(
-        tuple(
-            Channel.from_physical(row, rate, label=f"ch{number}")
-            for number, row in enumerate(x, start=1)
-        )
-    )
+    channels = []
+    for number, row in enumerate(x, start=1):
+        values, known = stored_samples(row, store)
+        channels.append(Channel(values, rate, tuple(spans_of(known)), label=f"ch{number}"))
+    return Recording(tuple(channels))
 
 
 def write(recording: Recording, target: Destination, options: WriteOptions) -> list[str]:
@@ -72,7 +79,9 @@ def write_dense(stream: IO[bytes], dense: Dense) -> None:
             stream.write(part.astype("<f8", copy=False).data)
 
 
-def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]:
+def read_array(
+    stream: IO[bytes], what: str, *, max_memory: int, store: Memory = MEMORY
+) -> NDArray[Any]:
     """The one array of at most 2 dimensions, numbers or text, that the stream consists of.
 
     Its declared size is compared with ``max_memory`` before any memory is taken, which then grows
@@ -89,7 +98,7 @@ def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]
             f"{what} takes {memory_of(shape, dtype)} bytes, more than the {max_memory} allowed; "
             "allow more (max_memory=)"
         )
-    data = read_bytes(stream, size)
+    data = _read(stream, size, store)
     if len(data) < size:
         raise ParameterError(f"{what} ends after {len(data)} of {size} bytes")
     # In an archive this also reaches the end of the member, where its CRC-32 is compared.
@@ -105,6 +114,28 @@ def read_array(stream: IO[bytes], what: str, *, max_memory: int) -> NDArray[Any]
     with refusing(f"{what} has the shape {shape}"):
         flat = np.frombuffer(data, dtype) if size else np.empty(0, dtype)
         return flat.reshape(shape, order="F" if by_column else "C")
+
+
+def _read(stream: IO[bytes], size: int, store: Memory) -> bytearray | NDArray[np.uint8]:
+    """Up to ``size`` bytes, in ``store`` where there are many."""
+    begun = read_bytes(stream, min(size, READ) if store.on_disk else size)
+    if not READ <= len(begun) < size:
+        return begun
+    data, at = store.empty(size, np.uint8), len(begun)
+    data[:at] = np.frombuffer(begun, np.uint8)
+    while block := stream.read(min(BLOCK_SIZE, size - at)):
+        data[at : at + len(block)] = np.frombuffer(block, np.uint8)
+        at += len(block)
+        release()
+    return data[:at]
+
+
+def stored_samples(x: NDArray[Any], store: Memory) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """[samples] where ``store`` has room, and which of [ticks] they are; NaN is a gap."""
+    row, known = known_samples(x)
+    values = store.kept(np.ascontiguousarray(row) if known.all() else row[known])
+    release()
+    return values, known
 
 
 def read_header(stream: IO[bytes], what: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
@@ -133,10 +164,15 @@ def write_array(stream: IO[bytes], array: NDArray[Any]) -> None:
 
 
 def doubles_2d(
-    x: NDArray[Any], what: str, *, labelled: int | None = None, transpose: bool | None = None
-) -> NDArray[np.float64]:
-    """[channels, samples] float64 of an array in that shape or [samples]; ``labelled`` channels
-    have a name of their own."""
+    x: NDArray[Any],
+    what: str,
+    *,
+    labelled: int | None = None,
+    transpose: bool | None = None,
+    store: Memory = MEMORY,
+) -> Sequence[NDArray[np.float64]]:
+    """[channels][samples] float64 of an array in that shape or [samples], each channel in one
+    piece; ``labelled`` channels have a name of their own."""
     if x.ndim not in (1, 2):
         raise ParameterError(f"{what} is a single number, not [channels, samples]")
     if x.ndim == 1:
@@ -148,4 +184,17 @@ def doubles_2d(
         raise ParameterError(
             f"{what} has {len(x)} channels, more than {CHANNEL_LIMIT}; it is [channels, samples]"
         )
-    return exact_doubles(x, what)
+    return rows_in(x, what, store)
+
+
+def rows_in(x: NDArray[Any], what: str, store: Memory) -> Sequence[NDArray[np.float64]]:
+    """The rows of [channels, samples] as doubles of the same values, each in one piece."""
+    if x.flags.c_contiguous and x.dtype == np.float64:
+        return list(x)
+    rows = [store.empty(x.shape[1], np.float64) for _ in x]
+    at_once = max(SLICE // max(len(x), 1), 1)
+    for at in range(0, x.shape[1], at_once):
+        for row, part in zip(rows, exact_doubles(x[:, at : at + at_once], what), strict=True):
+            row[at : at + at_once] = part
+        release()
+    return rows

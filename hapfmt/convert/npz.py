@@ -56,7 +56,6 @@ from ..recording import (
     Event,
     Recording,
     index_of_channel,
-    known_samples,
     refuse_transpose,
     spans_at,
     spans_of,
@@ -75,7 +74,15 @@ from .common import (
     unit_of,
 )
 from .formats import Destination, ReadOptions, Source, WriteOptions
-from .npy import doubles_2d, memory_of, read_array, read_header, write_array, write_dense
+from .npy import (
+    doubles_2d,
+    memory_of,
+    read_array,
+    read_header,
+    stored_samples,
+    write_array,
+    write_dense,
+)
 from .timestamps import kept_stamps
 
 T = TypeVar("T", Event, ClockObservation, ClockMap)
@@ -96,6 +103,8 @@ _GROUPS = 1000
 _DIRECTORY_SIZE = 1 << 21
 """Longest list of members in bytes, checked before it is read: 20 000 members at least."""
 _MEMBERS = 10_000
+LEVEL = 1
+"""Of DEFLATE: level 6 takes six times as long and makes files a quarter smaller."""
 _KEYS_NAMED = 8
 """A message lists this many keys and counts the others."""
 
@@ -103,7 +112,7 @@ _KEYS_NAMED = 8
 def read(source: Source, options: ReadOptions) -> Recording:
     """A zip file of arrays with the keys above; NaN is a gap, other keys are noted."""
     rate = options.rate
-    with _Archive(source.stream, options.max_memory) as archive:
+    with _Archive(source.stream, options) as archive:
         matches = [match for key in archive.members if (match := _KEY.fullmatch(key)) is not None]
         # What follows the name in the keys x, x__0, x__1 ... of the groups.
         endings = [match[2] or "" for match in matches if match[1] == "x"]
@@ -165,7 +174,7 @@ def _objects(recording: Recording) -> Iterator[tuple[str, list[dict[str, Any]]]]
 class _Archive(Closing):
     """The members of a zip file by key, and the memory that their arrays may still take."""
 
-    def __init__(self, stream: BinaryIO, memory_left: int) -> None:
+    def __init__(self, stream: BinaryIO, options: ReadOptions) -> None:
         # A zip file of very many members is refused before its list of them is read.
         end = stream.seek(0, SEEK_END)
         stream.seek(max(end - (1 << 16) - 22, 0))
@@ -178,7 +187,7 @@ class _Archive(Closing):
                 raise LimitError(f"this .npz archive has too many members: more than {_MEMBERS}")
         with refusing("this is not an .npz archive", *_ZIP_ERRORS):
             self._opened = zipfile.ZipFile(stream)
-        self._memory_left = memory_left
+        self._memory_left, self.store = options.max_memory, options.store
         self.members = {
             info.filename.removesuffix(".npy"): info for info in self._opened.infolist()
         }
@@ -207,7 +216,9 @@ class _Archive(Closing):
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise ParameterError(f"key {key!r} is compressed by a method that .npz does not use")
         with refusing(f"key {key!r}", *_ZIP_ERRORS), self._opened.open(info) as member:
-            array = read_array(member, f"key {key!r}", max_memory=self._memory_left)
+            array = read_array(
+                member, f"key {key!r}", max_memory=self._memory_left, store=self.store
+            )
         self._memory_left -= memory_of(array.shape, array.dtype)
         return array
 
@@ -296,7 +307,8 @@ def _array_of(
         what = f"key {keys[0]!r}"
         nameless = array.ndim == 2 or re.fullmatch(r"x(__\d+)?|arr_\d+", keys[0])
         named = [] if nameless else keys
-        return list(doubles_2d(array, what, labelled=count, transpose=transpose)), named
+        rows = doubles_2d(array, what, labelled=count, transpose=transpose, store=archive.store)
+        return rows, named
     refuse_transpose(transpose)
     if len(keys) > CHANNEL_LIMIT:
         raise LimitError(f"{len(keys)} channels, more than {CHANNEL_LIMIT}")
@@ -380,11 +392,11 @@ def _channels(archive: _Archive, ending: str, options: ReadOptions, notes: list[
         notes += _times_notes(times, hertz, ticks, starts[0], kept=keep)
     made = []
     for given, label, unit, step in zip(x, labels, units, steps, strict=True):
-        row, known = known_samples(given)
+        row, known = stored_samples(given, archive.store)
         spans = tuple(spans_of(known, starts[0])) if grid is None else spans_at(grid.ticks[known])
         made.append(
             Channel(
-                np.ascontiguousarray(row) if known.all() else row[known],
+                row,
                 hertz,
                 spans,
                 label=label,
@@ -491,6 +503,7 @@ def write(recording: Recording, target: Destination, options: WriteOptions) -> l
             # A fixed date: the same recording gives the same bytes.
             info = zipfile.ZipInfo(f"{key}.npy", (1980, 1, 1, 0, 0, 0))
             info.compress_type = zipfile.ZIP_DEFLATED
+            info._compresslevel = LEVEL  # type: ignore[attr-defined]
             with archive.open(info, "w", force_zip64=True) as member:
                 if isinstance(array, Dense):
                     write_dense(member, array)

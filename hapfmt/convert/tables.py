@@ -27,6 +27,7 @@ from ..recording import (
     spans_at,
     unique,
 )
+from ..spool import MEMORY, Memory, release
 from .common import CHANNEL_LIMIT, with_notes
 
 ROWS = 1 << 16
@@ -179,9 +180,12 @@ class Import:
         )
 
     def recording(
-        self, max_memory: int, progress: Callable[[int, int], None] | None = None
+        self,
+        max_memory: int,
+        progress: Callable[[int, int], None] | None = None,
+        store: Memory = MEMORY,
     ) -> Recording:
-        """All of it in memory. Raises LimitError, before any value is read, where the values take
+        """All of it. Raises LimitError, before any value is read, where the values take
         more than ``max_memory`` bytes."""
         if self.size > max_memory:
             raise LimitError(
@@ -190,7 +194,7 @@ class Import:
             )
         empty = self.described()
         arrays = [
-            [np.empty(table.row_count, column.dtype) for column in table.columns]
+            [store.empty(table.row_count, column.dtype) for column in table.columns]
             for table in self.tables
         ]
         filled, total = [0] * len(self.tables), sum(table.row_count for table in self.tables)
@@ -201,6 +205,7 @@ class Import:
             for array, values in zip(arrays[block.table], block.values, strict=True):
                 array[block.first_row : block.first_row + rows] = values
             filled[block.table] += rows
+            release()
             if progress:
                 progress(sum(filled), total)
         if filled != [table.row_count for table in self.tables]:
@@ -209,21 +214,24 @@ class Import:
         return replace(
             empty,
             channels=tuple(
-                filled_channel(next(channels), array, table)
+                filled_channel(next(channels), array, table, store)
                 for table, own in zip(self.tables, arrays, strict=True)
                 for array in own
             ),
         )
 
 
-def filled_channel(empty: Channel, values: NDArray[Any], table: ImportTable) -> Channel:
+def filled_channel(
+    empty: Channel, values: NDArray[Any], table: ImportTable, store: Memory
+) -> Channel:
     """The channel with its samples; a NaN is a gap."""
     spans = table.spans
     if values.dtype.kind == "f":
         values, known = known_samples(values)
         if not known.all():
             spans = spans_at(table.all_ticks(0, table.row_count)[known])
-            values = values[known]
+            values = store.kept(values[known])
+        release()
     return replace(empty, stored=values, coverage=spans)
 
 

@@ -216,15 +216,21 @@ def encode_bounded(
     smallest: int | None = None,
     *,
     knots_alone: bool = False,
+    effort: Effort | None = None,
 ) -> Unit | None:
     """Each sample within max(k * |x|, floor): the smallest of grids and knots, or of ``knots
     alone``; None where none of them is below ``smallest`` bytes."""
     bound = bound_of(source, promise)
     if len(source.channels) == 1 and not bound.slack and not promise.k:
-        return encode_lossless(source, base)
-    ways = vector_ways(source, bound) if len(source.channels) > 1 else scalar_ways(source, bound)
+        return encode_lossless(source, base, effort)
+    if len(source.channels) > 1:
+        ways = vector_ways(source, bound)
+    elif effort and effort.every_form:
+        ways = scalar_ways(source, bound)[: KNOT_WAYS if knots_alone else None]
+    else:
+        ways = likely_ways(source, base, bound, knots_alone=knots_alone)
     best: tuple[Coded, str] | None = None
-    for why, code in ways[:KNOT_WAYS] if knots_alone else ways:
+    for why, code in ways:
         if (coded := code(base, smallest)) and (smallest is None or coded.size < smallest):
             best, smallest = (coded, why), coded.size
     if best is None:
@@ -242,15 +248,11 @@ def contract_for(band: Deadband) -> Contract:
 
 def scalar_ways(source: InputBlock, bound: Bound) -> list[Way]:
     """The ways to code one channel; quick ones come first."""
-    step = min(bound.slack, STEP_LIMIT // 2 - 1)
-    even, grid = LpcParameters(2 * step + 1), grid_within(bound)
+    even, grid = even_grid(bound), grid_within(bound)
     ways: list[Way] = [
         ("fewest held steps", lambda base, _: code_held(source, base, bound)),
-        (
-            "fewest held levels",
-            lambda base, smallest: code_held_levels(source, base, bound, smallest),
-        ),
-        ("fewest lines", lambda base, smallest: code_lines(source, base, bound, smallest)),
+        (LEVELS, lambda base, smallest: code_held_levels(source, base, bound, smallest)),
+        (LINES, lambda base, smallest: code_lines(source, base, bound, smallest)),
     ]
     if grid.kn:
         growing = "each sample from those before, in steps that grow with the value"
@@ -259,6 +261,68 @@ def scalar_ways(source: InputBlock, bound: Bound) -> list[Way]:
     ways.append(("each sample from those before, in equal steps", lambda base, smallest: code_grid(
         source, base, even, nearest_uniform, smallest)))  # fmt: skip
     return ways
+
+
+SAMPLED, WINDOWS = 8, 8
+"""One sample of SAMPLED is looked at, in as many WINDOWS, to compare ways."""
+
+NEAR = 1.06
+"""Ways that are at most this many times as large as the best of the sampled part are all coded."""
+
+LEAST = 16
+"""Held pieces of a window; channels that have fewer are looked at as a whole."""
+
+LEVELS, LINES = "fewest held levels", "fewest lines"
+JOINS, GRID_JOINS = {LEVELS: 0, LINES: 2}, 3
+"""Bytes that a stretch more takes than the same samples in a whole channel."""
+
+FEW, DENSE, DENSER, CHEAP = 64, 0.35, 0.7, 1.5
+"""Held pieces up to which varints may be smaller; held pieces a sample from which lines never are;
+bytes of the quick estimate for each held piece from which on the grid never is. Where the
+grid does not grow with the value, lines are tried up to DENSER (measured)."""
+
+
+def likely_ways(source: InputBlock, base: Track, bound: Bound, *, knots_alone: bool) -> list[Way]:
+    """The ways that may be the smallest, the likeliest first.
+
+    How many pieces are held tells which ways never are. Where there are many pieces, stretches with
+    as many pieces each are coded in all other ways.
+    """
+    plain, levels, lines, *grids = scalar_ways(source, bound)
+    x, grid = source.counts[:, 0].astype(np.int64), grid_within(bound)
+    ticks = fewest_hold(*tube_of(x, bound))[0]
+    held, few = ticks.size, ticks.size // (SAMPLED * WINDOWS)
+    sampled = few >= LEAST
+    looked = x
+    if sampled:
+        firsts = held * np.arange(1, 2 * WINDOWS, 2) // (2 * WINDOWS) - few // 2
+        looked = np.concatenate([x[ticks[k] : ticks[k + few]] for k in firsts])
+    ways = [levels]
+    if held <= FEW:
+        ways.append(plain)
+    if held <= (DENSE if grid.kn else DENSER) * x.size:
+        ways.append(lines)
+    if not knots_alone:
+        bits = [quick_estimate(nearest_uniform(looked, even_grid(bound)))]
+        if grid.kn:
+            bits.insert(0, quick_estimate(nearest_level(looked, grid)))
+        if sampled or min(bits) < 8 * CHEAP * held:
+            ways.append(grids[bits.index(min(bits))])
+    if not sampled or len(ways) == 1:
+        return ways
+    block = InputBlock(source.channels, looked[:, None], (Span(0, looked.size),))
+    allowed = {why for why, _ in ways}
+    sizes: dict[str, int] = {}
+    for why, code in scalar_ways(block, bound):
+        if why in allowed and (coded := code(base, None)):
+            sizes[why] = coded.size - WINDOWS * JOINS.get(why, GRID_JOINS)
+    least = min(sizes.values()) * NEAR + 4
+    near = [(size, why) for why, size in sizes.items() if size <= least]
+    return [way for _, why in sorted(near) for way in ways if way[0] == why]
+
+
+def even_grid(bound: Bound) -> LpcParameters:
+    return LpcParameters(2 * min(bound.slack, STEP_LIMIT // 2 - 1) + 1)
 
 
 def code_grid(
@@ -304,5 +368,5 @@ def hopeless(pieces: Iterable[Indices], size: int) -> bool:
 
 
 def lossless_bits(source: InputBlock) -> float:
-    """A lower estimate of the bits of one channel without loss."""
-    return HOPE * sum(quick_estimate(rows[:, 0]) for _, rows in source.pieces(source.counts))
+    """A quick estimate of the bits of one channel without loss."""
+    return sum(quick_estimate(rows[:, 0]) for _, rows in source.pieces(source.counts))

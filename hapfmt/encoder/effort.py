@@ -27,12 +27,6 @@ class Effort:
     cuts: bool = True
     """Packets are cut where the pieces are smaller together."""
 
-    transform: bool = True
-    """A texture is tried by MDCT too."""
-
-    lines: bool = False
-    """A texture without silent stretches is tried after lines for its slow part too."""
-
     high_orders: bool = True
     """Predictors have up to 32 coefficients, not 12."""
 
@@ -42,14 +36,27 @@ class Effort:
     undifferenced: bool = True
     """Predictors are also of the samples, not only of their differences."""
 
+    polynomials: bool = True
+    """Doubles near to a grid are tried as a polynomial of their counts, and as decimals."""
+
+    every_form: bool = False
+    """Doubles, channels with an error, and channels that are linked, are written in each form, not
+    only in the one that estimates tell."""
+
     every_sample: bool = False
     """Estimates look at each sample, not at one in three."""
 
     other_orders: bool = False
-    """Of the best sums, other orders are tried as well."""
+    """The best sums are tried with other orders as well."""
 
     written: int = 1
     """Packets that are written, for the smallest to stay."""
+
+    transform: bool = True
+    """A texture is tried by MDCT too."""
+
+    lines: bool = False
+    """A texture without silent stretches is tried after lines for its slow part too."""
 
     @property
     def highest(self) -> int:
@@ -58,7 +65,7 @@ class Effort:
 
     @property
     def stride(self) -> int:
-        """One part of so many is looked at."""
+        """Estimates look at one part of as many as this."""
         return 1 if self.every_sample else 3
 
     @property
@@ -75,12 +82,13 @@ EFFORTS: dict[EffortName, Effort] = {
         high_orders=False,
         plain_sums=False,
         undifferenced=False,
+        polynomials=False,
     ),
     "default": Effort(),
-    "best": Effort(every_sample=True, other_orders=True, written=6, lines=True),
+    "best": Effort(every_form=True, every_sample=True, other_orders=True, written=6, lines=True),
 }
 
-SEARCHES = tuple(field.name for field in fields(Effort))
+SEARCHES = tuple(field.name for field in fields(Effort) if field.type == "bool")
 
 
 @contextmanager
@@ -89,7 +97,7 @@ def without(search: str) -> Iterator[None]:
     known = dict(EFFORTS)
     try:
         for name, effort in known.items():
-            EFFORTS[name] = replace(effort, **{search: type(getattr(effort, search))()})
+            EFFORTS[name] = replace(effort, **{search: False})
         yield
     finally:
         EFFORTS.update(known)

@@ -29,9 +29,11 @@ from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
 from ..reading.catalogue import TrackPair
 from ..reading.decoder import TrackDecoder
 from ..recording import Channel, Recording, Span
+from ..spool import Spool, release
 from ..threads import in_order, thread_count
 from .bitrate import fill
-from .bounded import encode_bounded, encode_lossless, error_of, lossless_bits
+from .bounded import HOPE, encode_bounded, encode_lossless, error_of, lossless_bits
+from .effort import Effort
 from .exact import (
     COSTLY,
     RUN_LIMIT,
@@ -43,14 +45,13 @@ from .exact import (
     find_relations,
     groups_of,
     stretches,
-    words_size,
 )
 from .gridded import INFINITE, KEPT, NO_STEP, Gridded, on_grid
 from .knots import Coded
 from .lattice import Lattice, LatticeSearch, sparse
 from .lengths import Load, PacketLengths, load_of
 from .plan import Promise, check_error, promises_of, range_of, vector_promise
-from .references import SAVED, Links, encode_run, find_runs, same_ticks, step_of
+from .references import Links, encode_run, find_runs, same_ticks, step_of
 from .settings import Settings, Tolerance
 from .source import InputBlock, cut, group_units, side_by_side
 from .texture import encode_textured
@@ -79,6 +80,9 @@ JOINED_TICKS = 1 << 19
 """Most ticks of a constant packet with one component: eight of them fill a cluster of level 1."""
 
 
+RELATED = 0.03
+"""Share of the bytes that a track of channels which follow from each other has to save."""
+
 METADATA = 96
 """Bytes in a file. A lossy form that saves less is not worth the loss."""
 
@@ -90,8 +94,11 @@ SMALLER = "smaller than a lossy form"
 SMALLER_LOSSLESS = "lossless is smaller"
 
 SMALL = 1 << 16
-"""In recordings of up to this many samples the encoder always tries the lossless form too. In
-longer ones it tries it where it may win."""
+"""In recordings of up to this many samples whole files are compared, where all channels may be
+smaller without loss."""
+
+LIKELY = 0.7
+"""Share of a quick estimate of the lossless size, above which the lossless form is tried."""
 
 
 @dataclass(frozen=True)
@@ -162,8 +169,6 @@ class PlacedUnit:
     unit: Unit
     first: int
     members: list[Gridded]
-    apart: tuple[PlacedUnit, ...] = ()
-    """The channels of a track with references, each alone."""
     tracks: tuple[PlacedUnit, ...] = ()
     """Where these are several tracks, whose channels lie among each other: what each became."""
     numbers: tuple[int, ...] = ()
@@ -286,7 +291,8 @@ class Encoding:
         self.recording, self.progress = recording, progress
         originals = [as_recorded(channel) for channel in recording.channels]
         promises = promises_of(replace(recording, channels=tuple(originals)), settings)
-        searches = [LatticeSearch(channel.stored) for channel in originals]
+        store = Spool()
+        searches = [LatticeSearch(channel.stored, store=store) for channel in originals]
         heads, count = heads_of(recording, settings), len(recording)
         longest = settings.cluster_of(recording)
         self.job = EncodeJob(
@@ -354,6 +360,7 @@ class Encoding:
         decisions: list[Decision] = []
         for part in parts:
             decisions += decide(part, job.originals, self.recording)
+            release()
         decisions.sort(key=lambda each: each.channel)
         tracks, packets = number_tracks([part.unit for part in parts])
         exact = not any(decision.largest_error for decision in decisions)
@@ -392,6 +399,7 @@ def put_on_grids(
         found = on_grid(channel, asked, settings, search)
         load = load_of(found, search)
         search.forget()
+        found = found.kept(search.store)
         if asked.floor is settings.max_error and not found.promise.lossless:
             check_bound(channel, found, settings)
         return found, load
@@ -420,6 +428,7 @@ def encode_parts(
     steps, at = [], 0
     for members in groups:
         steps.append(step_of(members, prepared[at].promise, settings))
+        release()
         at += len(members)
 
     runs = list(find_runs(groups, steps))
@@ -428,12 +437,13 @@ def encode_parts(
     def code(run: tuple[tuple[list[Channel], Links], int]) -> list[PlacedUnit]:
         (members, links), at = run
         rows = [
-            replace(each, channel=channel)
+            each if each.channel is channel else replace(each, channel=channel)
             for each, channel in zip(prepared[at : at + len(members)], members, strict=True)
         ]
         return list(encode_members(rows, links, first + at, job))
 
     for coded in in_order(code, zip(runs, starts, strict=False), job.threads):
+        release()
         for part in coded:
             yield part
             done(part.stop)
@@ -479,27 +489,29 @@ def as_recorded(channel: Channel) -> Channel:
 def encode_members(
     members: list[Gridded], links: Links, first: int, job: EncodeJob
 ) -> Iterator[PlacedUnit]:
-    """Units and their channels: together, or apart where links do not make them smaller."""
+    """Units and their channels: together where they are linked."""
     if not links:
         yield PlacedUnit(encode_unit(members, first, job), first, members)
         return
-    apart = [
-        PlacedUnit(encode_unit([each], first + place, job), first + place, [each])
-        for place, each in enumerate(members)
-    ]
-    units = [part.unit for part in apart]
     channels = [each.channel for each in members]
     error = error_of(channels[0], members[0].promise)
     # Half of the components: packets of LPCR take less than five bytes a sample.
     half = (len(channels) + 1) // 2
     spans = job.spans(channels, range(first, first + len(channels)), half)
-    joint = encode_run(channels, first, error, spans, links, units)
-    if joint and joint.size < (1 - SAVED) * sum(unit.size for unit in units):
-        joint.channels = tuple(channels)
-        joint.least = sum(unit.least for unit in units)
-        yield PlacedUnit(joint, first, members, tuple(apart))
-    else:
+    searches = job.settings.searches
+    joint = encode_run(channels, first, error, spans, links, searches)
+    apart = (
+        PlacedUnit(encode_unit([each], first + place, job), first + place, [each])
+        for place, each in enumerate(members)
+    )
+    if joint is None:
         yield from apart
+        return
+    joint.channels = tuple(channels)
+    together = PlacedUnit(joint, first, members)
+    # Alone a channel with an error may be knots.
+    both = error or searches.every_form
+    yield from smaller(list(apart), [together]) if both else [together]
 
 
 def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUnit]:
@@ -511,12 +523,15 @@ def with_relations(parts: list[PlacedUnit], job: EncodeJob) -> Iterator[PlacedUn
             double and 8 * part.unit.size > COSTLY * channel.stored.size
             for part, channel, double in zip(run, channels, doubles, strict=True)
         ]
+        if len(run) == 1 or not any(costly):
+            yield from run
+            continue
         # From what is constant no channel follows.
         columns = [
             channel.stored if double else np.zeros(channel.stored.size)
             for channel, double in zip(channels, doubles, strict=True)
         ]
-        found = find_relations(columns, costly) if len(run) > 1 and any(costly) else []
+        found = find_relations(columns, costly)
         at = 0
         for start, stop in stretches(found):
             yield from run[at:start]
@@ -565,23 +580,26 @@ def related(
     units = [part.unit for part in parts]
     spans = job.spans(channels, numbers, (len(channels) + 1) // 2)
     own = [each.among(places) for each in found if each.target in places]
-    joint = encode_linear(channels, [columns[a] for a in places], units, own, numbers, spans)
-    if joint is None or joint.size >= (1 - SAVED) * sum(unit.size for unit in units):
+    joint = encode_linear(
+        channels, [columns[a] for a in places], units, own, numbers, spans, job.settings.searches
+    )
+    if joint is None or joint.size >= (1 - RELATED) * sum(unit.size for unit in units):
         return parts
     return [PlacedUnit(joint, numbers[0], members, numbers=numbers)]
 
 
 def has_doubles(part: PlacedUnit, job: EncodeJob) -> bool:
     """Whether these are the doubles of one channel, such as a track of several may hold."""
-    channel = job.originals[part.first]
+    if job.originals[part.first].stored.dtype != np.float64:
+        return False
+    facts = job.searches[part.first].facts
     return (
-        channel.stored.dtype == np.float64
-        and bool(np.isfinite(channel.stored).all())
+        facts.finite
         # Words of which one is larger than those of a binary grid may not; others do not come
         # near the largest double, where sums overflow.
         and (
             part.unit.base.track.number_format == "counts"
-            or float(np.abs(channel.stored).max(initial=0.0)) <= EXACT_LIMIT
+            or max(-facts.low, facts.high) <= EXACT_LIMIT
         )
     )
 
@@ -624,7 +642,8 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
     small = sum(channel.stored.size for channel in job.originals) <= SMALL
     lossless = replace(job, settings=job.lossless, promises=[Promise()] * len(job.originals))
     rivals: list[PlacedUnit] = []
-    doubtful = [small or may_lose(part) for part in parts]
+    every = job.settings.searches.every_form
+    doubtful = [may_lose(part, every=every) for part in parts]
     at = 0
     while at < len(parts):
         stop = at
@@ -642,14 +661,11 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
         at = max(stop, at + 1)
     asked = [each.promise for part in parts for each in part.members]
     rivals = [in_place(part, asked) for part in rivals]
-    # A track with references may not displace channels that are smaller alone.
-    alone = [in_place(each, asked) for part in rivals for each in part.apart or (part,)]
-    apart = list(smaller(parts, alone))
-    mixed = list(smaller(apart, rivals))
-    if not small:
+    mixed = list(smaller(parts, rivals))
+    if not small or not all(doubtful):
         return [mixed]
     choices: dict[tuple[int, ...], list[PlacedUnit]] = {}
-    for each in (rivals, alone, mixed, apart):
+    for each in (rivals, mixed):
         choices.setdefault(tuple(id(part.unit.base) for part in each), each)
     near = min(map(total_cost, choices.values())) + METADATA + UNSURE * len(job.originals)
     return [each for each in choices.values() if total_cost(each) <= near]
@@ -668,11 +684,19 @@ def instead_of(promise: Promise) -> Promise:
     return Promise(texture=promise.texture, why=SMALLER)
 
 
-def may_lose(part: PlacedUnit) -> bool:
-    """Whether a lossless form may be smaller: what is lossless already is the smallest found."""
-    if all(each.promise.lossless for each in part.members):
+def may_lose(part: PlacedUnit, *, every: bool) -> bool:
+    """Whether a lossless form may be smaller: what lost nothing is the smallest found.
+
+    Measured: on a grid of wider steps a channel is never larger. Other forms were, where they took
+    more than LIKELY of the quick estimate. ``every``: try all that are not certain.
+    """
+    if part.unit.exact and not any(each.channel.deviation for each in part.members):
         return False
-    return 8 * part.unit.cost > part.unit.least
+    promise = part.members[0].promise
+    if every:
+        return 8 * part.unit.cost > HOPE * part.unit.least
+    stepped = not (promise.k or promise.paper or promise.texture)
+    return not stepped and 8 * part.unit.cost > LIKELY * part.unit.least
 
 
 def total_cost(parts: list[PlacedUnit]) -> int:
@@ -769,8 +793,10 @@ def encode_unit(members: list[Gridded], first_channel: int, job: EncodeJob) -> U
         words = partial(encode_words, channel, spans, first_channel, kind, WORDS_REASON)
         if kind != "binary64":
             return words()
-        search, least = job.searches[first_channel], partial(words_size, channel, spans)
-        return encode_doubles(channel, spans, first_channel, words, search, least=least)
+        return encode_doubles(
+            channel, spans, first_channel, words, job.searches[first_channel],
+            effort=job.settings.searches,
+        )  # fmt: skip
     counts = side_by_side(channels)
     if counts.size and not -(1 << 31) <= int(counts.min()) <= int(counts.max()) < 1 << 31:
         raise ParameterError(f"channel {channel.label!r} has counts of more than 32 bits")
@@ -805,13 +831,13 @@ def encode_source(
             exact = Lattice(channel.calibration, counts[:, 0], True, 0.0, "")
             return encode_doubles(
                 original, spans, first_channel, as_counts, job.searches[first_channel],
-                exact=exact, grid=False,
+                exact=exact, grid=False, effort=settings.searches,
             )  # fmt: skip
         return as_counts()
     if promise.paper:
         unit = encode_paper(source, first_channel, promise, settings)
     elif len(members) > 1:
-        joint = encode_bounded(source, base, vector_promise(settings))
+        joint = encode_bounded(source, base, vector_promise(settings), effort=settings.searches)
         assert joint
         unit = joint
     elif promise.texture is not None:
@@ -820,7 +846,7 @@ def encode_source(
         )
         unit = found or without_loss(original, first_channel, job)
     else:
-        unit = encode_within(members[0], source, base, first_channel, promise)
+        unit = encode_within(members[0], source, base, first_channel, promise, settings.searches)
     unit.least = unit.least or sum(
         lossless_bits(replace(source, channels=(each,), counts=counts[:, place : place + 1]))
         for place, each in enumerate(source.channels)
@@ -841,13 +867,14 @@ def encode_within(
     base: Track,
     first_channel: int,
     promise: Promise,
+    effort: Effort,
 ) -> Unit:
     """A bound on each sample. Where the grid is the quantiser, knots are tried on a finer one."""
     if member.fine:
-        unit = encode_bounded(source, base, promise)
+        unit = encode_bounded(source, base, promise, effort=effort)
         assert unit
         return unit
-    unit = encode_lossless(source, base)
+    unit = encode_lossless(source, base, effort)
     unit.reason = "each sample from those before, in equal steps"
     fine = member.finer
     if fine is None:
@@ -855,7 +882,7 @@ def encode_within(
     finer = InputBlock((fine.channel,), fine.channel.stored[:, None], source.spans)
     unit.least = lossless_bits(finer)
     base = whole_range(finer, first_channel)
-    knots = encode_bounded(finer, base, promise, unit.size, knots_alone=True)
+    knots = encode_bounded(finer, base, promise, unit.size, knots_alone=True, effort=effort)
     if knots is None:
         return unit
     return replace(knots, channels=finer.channels, grid=fine.text, least=unit.least)
@@ -868,14 +895,19 @@ def number_tracks(units: list[Unit]) -> tuple[list[Track], list[Packet]]:
     tracks: list[Track] = []
     packets: list[Packet] = []
     for id_, (coded, base) in enumerate(numbered):
-        tracks.append(replace(coded.track, id=id_, base=base))
-        packets += [replace(packet, track=id_) for packet in join_constant(coded)]
+        tracks.append(coded.track.numbered(id_, base))
+        packets += [
+            Packet(id_, packet.start, packet.span, packet.data) for packet in join_constant(coded)
+        ]
     return tracks, packets
 
 
 def join_constant(coded: Coded) -> Iterator[Packet]:
     """Neighbours that are the same constant as one packet, so that silence costs next to nothing:
     a packet alone takes ten bytes of a cluster's table."""
+    if len(coded.packets) < 2:
+        yield from coded.packets
+        return
     runs: list[list[Packet]] = []
     limit = JOINED_TICKS // len(coded.track.components)
     for packet in coded.packets:

@@ -16,8 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import accumulate
-from math import frexp, inf
+from math import frexp, inf, log
 from typing import NamedTuple
 
 import numpy as np
@@ -42,14 +41,16 @@ from ..codecs.exact import (
     predictions,
 )
 from ..codecs.predicted import join_components
-from ..codecs.raw import RawParameters, encode_raw
+from ..codecs.raw import APART, RawParameters, encode_raw, repeats
 from ..format.cluster import Packet
 from ..format.track import Affine
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..numbers import build_varint, parse_varint
 from ..recording import Calibration, Channel, Span
+from .effort import EFFORTS, Effort
 from .knots import Coded
-from .lattice import Lattice, LatticeSearch, Near
+from .lattice import Lattice, LatticeSearch, nearest_within
+from .lengths import bits_of, pieces_of
 from .predict import encode_best, fitting_packets
 from .source import declared_range, make_track
 from .unit import Unit, decode_all
@@ -58,14 +59,38 @@ GRID_BITS = LEVELS[1].count_bits - 1
 """Bits of the range of a binary grid. A finer grid predicts better but needs longer counts (0.1 b/s
 at most on the recordings, either way)."""
 
-TEXTS = 4096
-"""About as many distinct values have their decimals examined (fewer than twice as many)."""
+TEXTS = 512
+"""About as many distinct values have their digits examined (fewer than twice as many)."""
 
 CHEAP = 4
 """Bits a sample: a grid SPARSE times finer than the natural one costs at least as much."""
 
-TRIALS = 512
-"""Distinct counts that the rules are tried on."""
+FINE = 16
+"""Bits a sample that a binary grid hardly ever comes down to."""
+
+SMALLER, SMALLER_SHORT, LONGER, SHORT_OF = 0.98, 0.94, 1.03, 1.045
+"""Words that are estimated to take less than this share of a binary grid are smaller. Short packets
+take LONGER words (1.00 to 1.07 measured where they do not repeat). The estimate of a binary grid is
+multiplied by SHORT_OF (1.01 to 1.08 measured)."""
+
+RECALLED, SELDOM, RARE = 1024, 20, 2000
+"""Samples that tell whether counts repeat, half of them neighbours: in one of 20 at least. Fewer
+corrections than one in 2000 samples take less than a hundredth of a bit."""
+
+SURE, ROUNDED = 0.02, 0.4
+"""Bits of a correction of one distinct value: a rule that leaves fewer is that of the logger. One
+that leaves more may be followed by a polynomial, or by decimals."""
+
+GAINS, ULPS, FIRST_OFFSETS, GAINED = 64, 16, 8, 2048
+"""Gains that are tried on either side of the step at most; it is known by 16 ulp of the values. One
+of 8 values rules most of them out. Samples that an offset must suit."""
+
+SHIFTED, OFFSETS, OFFSET_UNIT, OFFSET_NEAR = 4096, 3, 1e-7, 1e-5
+"""Most steps of an offset; how many offsets are tried, those with seven decimals: an offset is
+known by more digits."""
+
+TRIALS, FITTED_LINE = 512, 8192
+"""Distinct values that a polynomial is fitted to, and samples that a line is."""
 
 FITTED, SLOPES = 12, 3
 """Fewest distinct values that a polynomial is fitted to; and how many slopes are tried on either
@@ -80,6 +105,11 @@ class Candidate:
     counts: Counts
     parameters: ExactParameters
     how: str
+
+    @property
+    def described(self) -> int:
+        """Bits of coefficients that are not 0."""
+        return 64 * int(np.count_nonzero(self.parameters.coefficients))
 
     @property
     def affine(self) -> Affine:
@@ -102,28 +132,70 @@ def encode_doubles(
     *,
     exact: Lattice | None = None,
     grid: bool = True,
-    least: Callable[[], float] = lambda: 0,
+    effort: Effort | None = None,
 ) -> Unit:
     """The smallest way to keep a floating point channel bit for bit: counts and exact values, or
     ``otherwise``.
 
     ``otherwise`` is not called where a natural grid leaves almost no corrections. Nor is it called
-    where its size, at ``least`` that many bytes, is larger. ``exact``: the grid that holds the
-    values exactly, if one exists. ``grid``: whether to try a binary grid.
+    where estimates tell that a binary grid is smaller. ``exact``: the grid that holds the values
+    exactly, if one exists. ``grid``: whether to try a binary grid; ``otherwise`` are words then.
     """
-    x = search.values
-    if not x.size or not np.isfinite(x).all():
+    x, effort = search.values, effort or EFFORTS["default"]
+    if not x.size or not search.facts.finite:
         return otherwise()
-
-    natural = coded_as(channel, x, spans, first_channel, natural_candidate(search, exact))
+    candidate = natural_candidate(search, exact, polynomials=effort.polynomials)
+    natural = coded_as(channel, x, spans, first_channel, candidate, effort)
     search.forget()
     if natural and 8 * natural.size < CHEAP * x.size:
         return natural.unit
-    found = [natural, coded_as(channel, x, spans, first_channel, binary_grid(x) if grid else None)]
-    units = [way.unit for way in found if way]
-    if not units or least() < min(unit.size for unit in units):
+    units = [natural.unit] if natural else []
+    if not grid:
+        return min([*units, otherwise()], key=lambda unit: unit.size)
+    # Estimates know nothing of values that repeat.
+    part = x[middle_of(spans)]
+    unknown = effort.every_form or repeats(part)
+    words, surely = 0.0 if unknown else bytes_of_words(x), SMALLER
+    if part.size < APART:
+        words, surely = words * LONGER, SMALLER_SHORT
+    if not (units and 8 * units[0].size < FINE * x.size):
+        candidate = binary_grid(x)
+        if candidate and (not words or words > surely * bytes_of(candidate, x)):
+            found = coded_as(channel, x, spans, first_channel, candidate, effort)
+            units += [found.unit] if found else []
+    if not units or words < min(unit.size for unit in units):
         units.append(otherwise())
     return min(units, key=lambda unit: unit.size)
+
+
+def middle_of(spans: Sequence[Span]) -> slice:
+    """The samples of the span in the middle."""
+    place = len(spans) // 2
+    start = sum(span.ticks for span in spans[:place])
+    return slice(start, start + spans[place].ticks)
+
+
+def bytes_of_words(x: Doubles) -> float:
+    """About how many bytes words take that do not repeat: the entropy of each byte."""
+    looked = np.ascontiguousarray(pieces_of(x), "<f8").view(np.uint8).reshape(-1, x.itemsize)
+    bits = 0.0
+    for plane in looked.T:
+        seen = np.bincount(plane)
+        seen = seen[seen > 0]
+        # Of few samples it is underestimated (G. A. Miller, 1955).
+        missing = (seen.size - 1) / (2 * log(2) * plane.size)
+        bits += min(float((seen * np.log2(plane.size / seen)).sum()) / plane.size + missing, 8.0)
+    return bits * x.size / 8
+
+
+def bytes_of(candidate: Candidate, x: Doubles) -> float:
+    """About how many bytes counts with exact values take where no values repeat."""
+    looked: Doubles = pieces_of(x).ravel().astype(np.float64)
+    counts: Counts = pieces_of(candidate.counts).astype(np.int64)
+    lacking = lacking_of(looked, candidate.parameters, candidate.affine, counts.ravel())
+    moved = np.abs(lacking.corrections.astype(np.float64))
+    bits = bits_of(counts.astype(np.float64)) + float(np.log2(1.0 + 2.0 * moved).mean())
+    return SHORT_OF * bits * x.size / 8
 
 
 def coded_as(
@@ -132,6 +204,7 @@ def coded_as(
     spans: Sequence[Span],
     first_channel: int,
     candidate: Candidate | None,
+    effort: Effort,
 ) -> Beside | None:
     if candidate is None:
         return None
@@ -158,7 +231,7 @@ def coded_as(
         def code(part: slice, values: Doubles = values, counts: Counts = counts) -> bytes:
             x, given = values[part], counts[part]
             lacking = lacking_of(x, candidate.parameters, candidate.affine, given)
-            return beside_counts(encode_best(given), lacking)
+            return beside_counts(encode_best(given, effort), lacking)
 
         try:
             for part, data in fitting_packets(span, counts, code):
@@ -172,7 +245,9 @@ def coded_as(
     return Beside(Unit(coded, None, "predicted + exact", reason, exact=True), beside)
 
 
-def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate | None:
+def natural_candidate(
+    search: LatticeSearch, exact: Lattice | None, *, polynomials: bool = True
+) -> Candidate | None:
     """The natural grid and the rule with the shortest corrections, by distinct values."""
     if search.has_negative_zero:
         exact = None if isinstance(search.exact, str) else search.exact
@@ -181,43 +256,129 @@ def natural_candidate(search: LatticeSearch, exact: Lattice | None) -> Candidate
             return Candidate(
                 exact.calibration, exact.counts.astype(np.int64), ExactParameters(), exact.reason
             )
-    u = search.distinct
-    rules = [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *printed_rule(u)]
-    decimals = decimals_of(u)
-    found: list[tuple[float, Candidate]] = []
-    lattices = {near.calibration: near for near in search.natural_lattices(exact)}
-    for near in lattices.values():
-        step = float(near.calibration.step)
-        how = f"step {step:.10g}, missed by {near.largest_deviation:.3g} at most"
+    u = search.few
+    rules: list[ExactParameters] = []
+    found: Trial | None = None
+    known: set[Calibration] = set()
+    for lattice in search.natural_lattices(exact):
+        if lattice.calibration in known:
+            continue
+        known.add(lattice.calibration)
+        rules = rules or [ExactParameters(QUOTIENT), ExactParameters(PRODUCT), *printed_rule(u)]
         # Counts are sorted as u is.
-        first = np.flatnonzero(np.diff(near.counts, prepend=near.counts[0] - 1))
-        first = first[:: max(1, first.size // TRIALS)]
-        looked = near.counts[first]
-        ways = [
-            Candidate(near.calibration, near.counts, rule, how)
-            for rule in (*rules, *cubic_rules(near, u[first], looked))
-        ]
-        for way in (*ways, *decimal_way(near, u, decimals, how)):
-            rule = way.parameters
-            try:
-                given = rule.values(looked, way.affine)
-                corrections = corrections_of(u[first], given).astype(np.float64)
-            except ValueError:
-                continue
-            # About how many bits the corrections have in all.
-            bits = float(np.log2(1.0 + np.abs(corrections)).sum())
-            found.append((bits + 64 * len(rule.coefficients), way))
+        first = np.flatnonzero(np.diff(lattice.counts, prepend=lattice.counts[0] - 1))
+        near = Values(lattice.calibration, lattice.counts[first], u[first])
+        for rule in rules:
+            found = better(found, Candidate(near.calibration, near.counts, rule, ""), near)
+        if len(known) == 1 and not (found and found.bits < SURE * near.counts.size):
+            for way in gained_ways(near, search.values):
+                found = better(found, way, near)
+        if found and found.bits < SURE * near.counts.size + found.way.described:
+            break
     if not found:
         return None
-    best = min(found, key=lambda pair: pair[0])[1]
-    return replace(best, counts=best.counts[np.searchsorted(u, search.values)])
+    near, best = found.near, found.way
+    if polynomials and found.bits >= ROUNDED * near.counts.size:
+        for way in (*cubic_ways(near), *decimal_way(near, u, search.values)):
+            found = better(found, way, near)
+            best = found.way if found else best
+    counts, largest, _ = nearest_within(search.values, best.calibration, inf)
+    how = f"step {float(best.calibration.step):.10g}{best.how}, missed by {largest:.3g} at most"
+    return replace(best, counts=counts.astype(np.int64), how=how)
 
 
-def cubic_rules(near: Near, u: Doubles, counts: Counts) -> Iterator[ExactParameters]:
-    """Polynomials of degree 3 through the distinct values u of their counts: what converters with
-    a linearised scale give. They differ in the lowest bits of the slope."""
-    if u.size < FITTED:
+class Values(NamedTuple):
+    """Distinct counts, and one of the values of each."""
+
+    calibration: Calibration
+    counts: Counts
+    doubles: Doubles
+
+
+class Trial(NamedTuple):
+    """A rule, and about how many bits the corrections of some values have in all."""
+
+    bits: float
+    way: Candidate
+    near: Values
+
+
+def better(found: Trial | None, way: Candidate, near: Values) -> Trial | None:
+    """The one with the shorter corrections."""
+    rule = way.parameters
+    try:
+        corrections = corrections_of(near.doubles, rule.values(way.counts, way.affine))
+    except ValueError:
+        return found
+    bits = float(np.log2(1.0 + np.abs(corrections.astype(np.float64))).sum())
+    bits += way.described
+    return Trial(bits, way, near) if found is None or bits < found.bits else found
+
+
+def gained_ways(near: Values, x: Doubles) -> Iterator[Candidate]:
+    """Counts times a gain, and an offset: as most programs do it, both numbers being doubles.
+
+    The offset may be many steps, so that counts begin elsewhere. It is known by some ulp of the
+    values, and is supposed to have few decimals."""
+    calibration = near.calibration
+    step, base = float(calibration.step), calibration.b / calibration.d
+    shifts = np.arange(-SHIFTED, SHIFTED + 1)
+    units = (base - shifts * step) / OFFSET_UNIT
+    likely = shifts[np.abs(units - np.rint(units)) < OFFSET_NEAR].tolist()
+    largest, extent = float(np.abs(near.doubles).max()), int(np.ptp(near.counts)) or 1
+    unit = float(np.spacing(abs(step)))
+    reach = np.ceil(ULPS * float(np.spacing(largest)) / extent / unit)
+    reach = float(min(max(reach, ULPS), GAINS))
+    gains: Doubles = step + np.arange(-reach, reach + 1) * unit
+    more = np.ascontiguousarray(x[:: -(-x.size // GAINED)])
+    for shift in sorted(likely, key=abs)[:OFFSETS]:
+        few = gains
+        for stride in (FIRST_OFFSETS, 1):
+            part = slice(None, None, stride)
+            few, low, high = offsets_of(near.counts[part] + shift, near.doubles[part], few)
+        if few.size:
+            counts = nearest_within(more, calibration, inf)[0] + np.int64(shift)
+            few, low, high = offsets_of(counts, more, few)
+        for gain, one, other in list(zip(few, low, high, strict=True))[few.size // 2 :][:1]:
+            offset = shortest_between(float(one), float(other))
+            moved = near.counts + shift
+            rule = ExactParameters(CUBIC, 0, (offset, float(gain), 0.0, 0.0))
+            b = calibration.b - shift * calibration.a
+            if abs(b) < AFFINE_LIMIT:
+                yield Candidate(Calibration(calibration.a, b, calibration.d), moved, rule, "")
+
+
+def offsets_of(counts: Counts, x: Doubles, gains: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    """The gains with which an offset gives all of x, and between which numbers it lies."""
+    products = gains[:, None] * counts.astype(np.float64)
+    rest = x - products
+    back = rest - x
+    missing = (x - (rest - back)) - (products + back)
+    half: Doubles = np.spacing(np.abs(x)) / 2
+    low = (rest + (missing - half)).max(axis=1)
+    high = (rest + (missing + half)).min(axis=1)
+    fits = low <= high
+    return gains[fits], low[fits], high[fits]
+
+
+def shortest_between(low: float, high: float) -> float:
+    """The number with the fewest digits."""
+    middle = low / 2 + high / 2
+    texts = (f"{middle:.{digits}e}" for digits in range(17))
+    return (
+        next((x for x in map(float, texts) if low <= x <= high), middle)
+        if low > 0 or high < 0
+        else 0.0
+    )
+
+
+def cubic_ways(near: Values) -> Iterator[Candidate]:
+    """Polynomials of degree 3 through the values of their counts: what converters with a linearised
+    scale give. They differ in the lowest bits of the slope."""
+    if near.counts.size < FITTED:
         return
+    stride = -(-near.counts.size // TRIALS)
+    u, counts = near.doubles[::stride], near.counts[::stride]
     a, b, d = near.calibration.a, near.calibration.b, near.calibration.d
     # What a line leaves is small, and so are the rounding errors of a fit to that.
     # Python rounds a quotient of integers correctly.
@@ -237,7 +398,8 @@ def cubic_rules(near: Near, u: Doubles, counts: Counts) -> Iterator[ExactParamet
         offset = float(Fraction(b, d) + Fraction(c0))
         found = offset, float(c1), c2 / reach**2, c3 / reach**3
         if max(map(abs, found)) < COEFFICIENT_LIMIT:
-            yield ExactParameters(CUBIC, 0, found)
+            rule = ExactParameters(CUBIC, 0, found)
+            yield Candidate(near.calibration, near.counts, rule, "")
 
 
 def fit(t: Doubles, y: Doubles, powers: Sequence[int]) -> list[float]:
@@ -274,13 +436,15 @@ def decimals_of(u: Doubles) -> int | None:
     return None
 
 
-def decimal_way(near: Near, u: Doubles, decimals: int | None, how: str) -> Iterator[Candidate]:
-    """The line through the values of the counts, which then are rounded to that many decimals."""
+def decimal_way(near: Values, u: Doubles, x: Doubles) -> Iterator[Candidate]:
+    """The line through the values of the counts, which then are rounded to that many decimals;
+    some of all samples x tell more of it than the few values u."""
+    decimals = decimals_of(u)
     if decimals is None or u.size < FITTED:
         return
     a, b, d = near.calibration.a, near.calibration.b, near.calibration.d
-    stride = max(1, u.size // TEXTS)
-    looked, counts = u[::stride], near.counts[::stride]
+    looked = np.ascontiguousarray(x[:: -(-x.size // FITTED_LINE)])
+    counts = nearest_within(looked, near.calibration, inf)[0].astype(np.int64)
     reach = float(np.abs(counts).max()) or 1.0
     c0, c1 = fit(counts / reach, looked - near.calibration.physical(counts), (0, 1))
     slope, offset = Fraction(a, d) + Fraction(c1 / reach), Fraction(b, d) + Fraction(c0)
@@ -295,7 +459,7 @@ def decimal_way(near: Near, u: Doubles, decimals: int | None, how: str) -> Itera
     calibration = Calibration(step.numerator * times, b, d)
     if calibration.covers(int(near.counts.min()), int(near.counts.max())):
         rule = ExactParameters(SIGNIFICANT, DECIMALS + decimals)
-        yield Candidate(calibration, near.counts, rule, f"{how}, with {decimals} decimals")
+        yield Candidate(calibration, near.counts, rule, f" with {decimals} decimals")
 
 
 def binary_grid(x: Doubles, bits: int = GRID_BITS) -> Candidate | None:
@@ -329,18 +493,18 @@ def beside_counts(coded: bytes, lacking: Lacking) -> bytes:
 
 
 def smallest_exact(lacking: Lacking) -> bytes:
-    """With recall or without."""
-    return min((lacking.build(recall=recall) for recall in (False, True)), key=len)
+    """With recall or without; with it only where counts repeat in some of the samples, and where
+    corrections are not rare."""
+    half, counts = RECALLED // 2, lacking.counts
+    if RARE * np.count_nonzero(lacking.corrections) < counts.size:
+        return lacking.build(recall=False)
+    counts = np.concatenate((counts[:half], counts[half :: 1 + counts.size // half]))
+    seldom = SELDOM * (counts.size - np.unique(counts).size) < counts.size
+    ways = (False,) if seldom else (False, True)
+    return min((lacking.build(recall=recall) for recall in ways), key=len)
 
 
 WORDS_REASON = "bit for bit: no common step"
-
-PROBES, PROBED = 4, 2048
-"""Packets, and samples in the middle of each, that estimate the size of words. DEFLATE takes 70 %
-of the time of a channel whose values repeat."""
-
-LARGER = 1.25
-"""Largest ratio of a probe's size to that of the whole (1.12 measured)."""
 
 
 def encode_words(
@@ -363,20 +527,6 @@ def encode_words(
         )
         at += span.ticks
     return Unit(coded, None, "raw", reason, exact=True)
-
-
-def words_size(channel: Channel, spans: Sequence[Span]) -> float:
-    """A lower estimate of the bytes of RAWB words."""
-    size, samples, stride = 0, 0, -(-len(spans) // PROBES)
-    firsts = list(accumulate((span.ticks for span in spans), initial=0))
-    for place in range(stride // 2, len(spans), stride):
-        first, span = firsts[place], spans[place]
-        ticks = min(span.ticks, PROBED)
-        start = first + (span.ticks - ticks) // 2
-        rows = channel.stored[start : start + ticks, None]
-        size += len(encode_raw(rows, channel.stored.dtype.itemsize))
-        samples += ticks
-    return size / LARGER * channel.stored.size / samples
 
 
 RUN_LIMIT = 32
@@ -485,10 +635,17 @@ def within_reach(y: Doubles, sources: Sequence[Doubles], limit: float) -> list[b
     if not sources:
         return []
     few = slice(0, PROBED_SAMPLES + SETTLING)
-    rows = np.stack([rows_of(FORMS[-1], y[few], x[few], SETTLING) for x in sources])
+    # As rows_of gives them, of all sources at once.
+    own, other = FORMS[-1]
+    x, size = np.stack([source[few] for source in sources]), PROBED_SAMPLES + SETTLING
+    rows = np.ones((len(sources), own + other + 2, PROBED_SAMPLES))
+    for lag in range(1, own + 1):
+        rows[:, lag - 1] = y[few][SETTLING - lag : size - lag]
+    for lag in range(other + 1):
+        rows[:, own + lag] = x[:, SETTLING - lag : size - lag]
     scales = np.abs(rows).max(axis=2, keepdims=True)
     scales[scales == 0] = 1
-    basis = np.linalg.svd((rows / scales).transpose(0, 2, 1), full_matrices=False)[0]
+    basis = np.linalg.qr((rows / scales).transpose(0, 2, 1))[0]
     scale = float(np.abs(y).max())
     wanted = y[few][SETTLING:] / scale
     shares = np.einsum("smt,m->st", basis, wanted)
@@ -504,13 +661,13 @@ def best_relation(
     part = slice(size // 2, size // 2 + LOOKED_AT)
     y = columns[target][part]
     limit = NEAR * float(np.abs(y).max())
-    tried = [
-        relation
-        for source in sources
-        for form in FORMS
-        if left_by(form, y, columns[source][part]) < limit
-        for relation in relations(form, target, source, columns)
-    ]
+    tried: list[Relation] = []
+    for source in sources:
+        for form in FORMS:
+            if left_by(form, y, columns[source][part]) < limit:
+                tried += relations(form, target, source, columns)
+            if tried and min(each.bits for each in tried) < SURE:
+                return min(tried, key=lambda each: each.bits)
     best = min(tried, key=lambda each: each.bits, default=None)
     return best if best and best.bits < COSTLY - HOPED else None
 
@@ -630,6 +787,7 @@ def encode_linear(
     relations: Sequence[Relation],
     numbers: Sequence[int],
     spans: Sequence[Span],
+    effort: Effort,
 ) -> Unit | None:
     """One track of channels, in the order of their numbers; None where they have no common range
     of counts."""
@@ -673,7 +831,7 @@ def encode_linear(
         at += span.ticks
         try:
             exact = [x[part] for x in columns]
-            data, each_size = linear_packet(candidates, exact, counts[part])
+            data, each_size = linear_packet(candidates, exact, counts[part], effort)
         except ValueError:
             return None
         coded.packets.append(Packet(0, span.start, span.ticks, data))
@@ -706,11 +864,11 @@ def candidate_of(unit: Unit, x: Doubles) -> Candidate | None:
 
 
 def linear_packet(
-    candidates: Sequence[Candidate], columns: Sequence[Doubles], counts: Counts
+    candidates: Sequence[Candidate], columns: Sequence[Doubles], counts: Counts, effort: Effort
 ) -> tuple[bytes, list[int]]:
     """One packet, and how many of its bytes each component takes."""
     indices = [np.ascontiguousarray(counts[:, place]) for place in range(len(candidates))]
-    packets = [encode_best(row) for row in indices]
+    packets = [encode_best(row, effort) for row in indices]
     parts = [
         smallest_exact(lacking_of(x, each.parameters, each.affine, row, columns))
         for x, each, row in zip(columns, candidates, indices, strict=True)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..codecs.grids import FINEST, LpcParameters, deadband_levels
 from ..recording import Channel
+from ..spool import Memory, release
 from .lattice import LatticeSearch, on_uniform_grid, to_counts
 from .plan import Promise, extent_of
 from .settings import Settings, Tolerance
@@ -46,6 +47,15 @@ class Gridded:
     """Whether the grid is far finer than the promise; otherwise the grid is the quantiser."""
     finer: Gridded | None = None
     """Where the grid is the quantiser, a finer one that was found."""
+
+    def kept(self, store: Memory) -> Gridded:
+        """The same, with its samples in ``store``."""
+        release()
+        values = store.kept(self.channel.stored) if self.channel.deviation else self.channel.stored
+        finer = self.finer and self.finer.kept(store)
+        if values is self.channel.stored and finer is self.finer:
+            return self
+        return replace(self, channel=replace(self.channel, stored=values), finer=finer)
 
 
 def on_grid(

@@ -6,11 +6,14 @@ within the tolerance that the caller gives.
 
 A natural grid fits the values only up to small deviations. The file measures these deviations and
 returns the first grid that is near enough.
+
+Grids are searched in some hundred of the values. One pass over all samples confirms each. A sample
+that is off the grid joins those that are searched.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from fractions import Fraction
@@ -23,19 +26,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ParameterError
+from ..kernels import compiled
 from ..limits import EXACT_LIMIT, SINGLE_MAX
-from ..reading.verifier import nearest_counts
+from ..reading.verifier import nearest_counts, physical_of
 from ..recording import Calibration, Channel, Deviation
+from ..spool import MEMORY, Memory
 from .plan import without_glitches
 from .rational import (
-    CalibratedCounts,
+    SMALL,
     Ratio,
     Steps,
     constant,
     decimal,
     dyadic,
     fitted_all,
-    near,
+    near_all,
     near_steps,
     on_grid,
     place,
@@ -69,19 +74,45 @@ def first_near(
     return None
 
 
+def nearest_within(
+    x: NDArray[np.float64], calibration: Calibration, allowed: float
+) -> tuple[NDArray[np.int32], float, int]:
+    """The nearest counts of x, the most that one of them is missed by, and the first sample that is
+    missed by more than ``allowed``: its place, or the size of x. The counts after it are not
+    found."""
+    if compiled is not None:
+        counts = np.zeros(x.size, np.int32)
+        missed, worst, more = compiled.nearest_within(
+            calibration.a, calibration.b, calibration.d, allowed, x, counts
+        )
+        return counts, nextafter(worst, inf) if more else worst, missed
+    found = nearest_counts(x, calibration)
+    given = physical_of(found, calibration)
+    size, above = deviations(x, given)
+    beyond = np.flatnonzero((size > allowed) | (above & (size == allowed)))
+    missed = int(beyond[0]) if beyond.size else x.size
+    return found.astype(np.int32), largest_deviation(x[:missed], given[:missed]), missed
+
+
 def largest_deviation(u: NDArray[np.float64], given: NDArray[np.float64]) -> float:
     """max |u - given|, rounded up to float64; both finite.
 
     The difference as an unevaluated sum of two float64: D. E. Knuth, The Art of Computer
     Programming 2, section 4.2.2, theorem B.
     """
+    size, above = deviations(u, given)
+    worst = float(size.max(initial=0.0))
+    return nextafter(worst, inf) if above[size == worst].any() else worst
+
+
+def deviations(
+    u: NDArray[np.float64], given: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """|u - given| in float64, and where more is missing."""
     difference = u - given
     back = difference - u
     rest = (u - (difference - back)) - (given + back)
-    size = np.abs(difference)
-    worst = float(size.max())
-    above = rest * np.sign(difference) > 0
-    return nextafter(worst, inf) if above[size == worst].any() else worst
+    return np.abs(difference), rest * np.sign(difference) > 0
 
 
 __all__ = ["Lattice", "Tolerance", "find_lattice", "snap_to_lattice", "to_counts"]
@@ -93,10 +124,20 @@ PLAIN_DENOMINATOR = 10**10
 """If a denominator up to this one fits, no common step is searched. Two values without a common
 grid share a denominator only from about 2**36 on."""
 
+SLICE = 1 << 16
+"""Samples that are looked at together: they stay in the cache."""
+
 SPARSE = 16
 """An exact grid with this many times the range of a natural one comes from the text format of the
 values (six digits). It costs 4 bits a sample and more in a lossless codec: 17 measured on
 dropbear."""
+
+FEW, PIECES, PIECE, SPREAD = 1024, 4, 64, 256
+"""Up to this many values all of them are searched. Else four pieces of 64 samples are, and 256
+samples of the whole channel."""
+
+ROUNDS = 16
+"""After so many samples off the grid all values are searched."""
 
 GRID_STEPS = 3
 """How many 1-2-5 steps to try, from the largest on. Only the rounding of float64 makes one fail. If
@@ -189,28 +230,52 @@ def to_counts(
             return channel, f"stored as {values.dtype}: {snapped}"
         found, declared = snapped
         if not found.exact:
-            # The search rounds products of large values; a verifier takes the nearest count.
-            found = replace(
-                found, counts=nearest_counts(search.values, found.calibration).astype(np.int32)
-            )
             deviation = Deviation(declared, found.largest_deviation)
     counts, calibration = found.counts, found.calibration
     changed = replace(channel, stored=counts, calibration=calibration, deviation=deviation)
     return changed, found.reason
 
 
+class Facts(NamedTuple):
+    """What one pass tells of doubles: whether all are finite, whether one is -0.0, the smallest and
+    the largest, and the size of that which is nearest to 0 without being 0."""
+
+    finite: bool
+    negative_zero: bool
+    low: float
+    high: float
+    nearest: float
+
+    @classmethod
+    def of(cls, x: NDArray[np.float64]) -> Facts:
+        if compiled is not None:
+            return cls(*compiled.double_facts(x))
+        away = np.abs(x[x != 0])
+        return cls(
+            bool(np.isfinite(x).all()),
+            bool((np.signbit(x) & (x == 0)).any()),
+            float(np.fmin.reduce(x, initial=inf)),
+            float(np.fmax.reduce(x, initial=-inf)),
+            float(np.fmin.reduce(away, initial=inf)),
+        )
+
+
 class LatticeSearch:
     """The grids of some values. Each search runs once; its result is kept.
 
-    ``given``: [sample_count], any numbers. Counts have at most ``bits`` bits. The exact grid and
-    the natural step are kept. The distinct values are kept until ``forget``.
+    ``given``: [sample_count], any numbers. Counts have at most ``bits`` bits. The exact grid, with
+    its counts in ``store``, the natural step and the few values that are searched are kept.
+    ``values`` are kept until ``forget``.
     """
 
-    def __init__(self, values: NDArray[np.generic], bits: int = COUNT_BITS) -> None:
+    def __init__(
+        self, values: NDArray[np.generic], bits: int = COUNT_BITS, store: Memory = MEMORY
+    ) -> None:
         if not 2 <= bits <= COUNT_BITS:
             raise ParameterError(f"counts have 2 to {COUNT_BITS} bits, not {bits}")
         self.given = values
         self.bits = bits
+        self.store = store
         self._steps: dict[bool, Steps | None] = {}
 
     @cached_property
@@ -218,28 +283,60 @@ class LatticeSearch:
         return np.ascontiguousarray(self.given, dtype=np.float64)
 
     @cached_property
+    def facts(self) -> Facts:
+        return Facts.of(self.values)
+
+    @cached_property
     def refusal(self) -> str:
         """Why the values are on no grid, not even nearly; or empty."""
-        x = self.values
-        if not np.isfinite(x).all():
+        if not self.facts.finite:
             return "infinities or NaN among the values"
-        if x.size and max(-x.min(), x.max()) > EXACT_LIMIT:
+        if self.values.size and max(-self.facts.low, self.facts.high) > EXACT_LIMIT:
             return "a value beyond 2^53; a larger unit would help"
         return ""
 
     @cached_property
-    def distinct(self) -> NDArray[np.float64]:
-        """Sorted, 0.0 in the place of -0.0."""
-        return np.unique(self.values + 0.0)
+    def few(self) -> NDArray[np.float64]:
+        """Some distinct values, or all: sorted, 0.0 in the place of -0.0. The smallest and the
+        largest are among them."""
+        x = self.values
+        if x.size <= FEW:
+            return np.unique(x + 0.0)
+        # Neighbours for short differences, and what the whole channel has.
+        starts = (x.size - PIECE) * np.arange(PIECES) // (PIECES - 1)
+        near, far = x[starts[:, None] + np.arange(PIECE)].ravel(), x[:: x.size // SPREAD]
+        return np.unique(np.concatenate((near, far, (self.facts.low, self.facts.high))) + 0.0)
+
+    def look_at(self, more: NDArray[np.float64]) -> None:
+        """Search in these values too."""
+        self.few = np.unique(np.concatenate((self.few, more + 0.0)))
+        self._steps.clear()
+
+    def confirmed(
+        self, find: Callable[[NDArray[np.float64]], Near | None], allowed: float
+    ) -> tuple[Near, NDArray[np.int32]] | None:
+        """The grid that ``find`` has for few values and that keeps all within ``allowed``, with all
+        counts; the deviation is that of all values."""
+        x = self.values
+        for rounds in range(ROUNDS + 1):
+            if rounds == ROUNDS:
+                self.look_at(x)
+            near = find(self.few)
+            if near is None:
+                return None
+            counts, largest, missed = nearest_within(x, near.calibration, allowed)
+            if missed == x.size:
+                return near._replace(largest_deviation=largest), counts
+            self.look_at(x[missed : missed + PIECE])
+        return None
 
     def forget(self) -> None:
         """Give back the memory of what is quickly made again."""
-        self.__dict__.pop("distinct", None)
         self.__dict__.pop("values", None)
 
-    @cached_property
+    @property
     def has_negative_zero(self) -> bool:
-        return bool((np.signbit(self.values) & (self.values == 0)).any())
+        return self.facts.negative_zero
 
     @property
     def bit_for_bit(self) -> Lattice | str:
@@ -255,15 +352,22 @@ class LatticeSearch:
             return self.refusal
         if self.values.size == 0:
             return Lattice(Calibration(), np.zeros(0, np.int32), True, 0.0, "exact: no samples")
-        u = self.distinct
-        if ((u != 0) & (np.abs(u) < 1 / EXACT_LIMIT)).any():
+        if self.facts.nearest < 1 / EXACT_LIMIT:
             return "a value nearer to 0 than 2^-53"
+        found = self.confirmed(self.exact_among, 0.0)
+        if found is None:
+            return "no common step"
+        near, counts = found
+        return lattice_of(near, self.store.kept(counts), f"exact: {near.how}", exact=True)
+
+    def exact_among(self, u: NDArray[np.float64]) -> Near | None:
+        """The same for sorted distinct values."""
         best = place(constant(u), self.bits) if u.size == 1 else None
         least = float(u[-1] - u[0]) / (1 << self.bits)
         for enough, search in (
             (0, dyadic),
-            (1, decimal),
-            (1, small_denominator),
+            (SMALL, small_denominator),
+            (SMALL, decimal),
             (PLAIN_DENOMINATOR, lambda u: stepped(u, least)),
         ):
             if u.size == 1 or (best and best.calibration.d <= enough):
@@ -272,15 +376,7 @@ class LatticeSearch:
             placed = None if ratio is None else place(ratio, self.bits)
             if placed and (best is None or placed.calibration.d < best.calibration.d):
                 best = placed
-        if best is None:
-            return "no common step"
-        z = self.values + 0.0 if self.has_negative_zero else self.values
-        lattice = _lattice(z, u, best, f"exact: {best.how}", exact=True)
-        given = lattice.calibration.physical(lattice.counts)
-        # Every sample, whatever the search promises.
-        if not np.array_equal(given.view(np.int64), z.view(np.int64)):
-            return "the step and offset found do not give every value back exactly"
-        return lattice
+        return None if best is None else Near(best.calibration, best.counts, 0.0, best.how)
 
     def steps(self, exact: Lattice | None) -> Steps | None:
         """The natural step: any step where no grid is exact, else one SPARSE times coarser.
@@ -291,7 +387,7 @@ class LatticeSearch:
         known = exact is None
         if known in self._steps:
             return self._steps[known]
-        u = self.distinct
+        u = self.few
         least = float(u[-1] - u[0]) / (1 << self.bits)
         found: Steps | None = None
         if exact is None:
@@ -306,32 +402,33 @@ class LatticeSearch:
         """The gain from a tolerance, where the values deviate from a natural grid; or empty."""
         if self.values.size == 0 or self.refusal:
             return ""
-        exact = self.bit_for_bit
+        exact = self.exact
         steps = self.steps(exact if isinstance(exact, Lattice) else None)
-        u = self.distinct
+        u = self.few
         found = first_near(u, _natural(u, steps, inf), inf, COUNT_BITS) if steps else None
-        if not found or found.largest_deviation == 0:
+        if not found:
             return ""
         step = float(found.calibration.step)
-        enough = float(_ONE_DIGIT_UP.create_decimal(found.largest_deviation))
+        _, largest, _ = nearest_within(self.values, found.calibration, inf)
+        if not largest:
+            return ""
+        enough = float(_ONE_DIGIT_UP.create_decimal(largest))
         return (
             f"; the values lie close to steps of {step:.6g}: a tolerance of {enough:g} "
             f"({enough / step:.1g} steps) would store them as counts of that step"
         )
 
     def natural_lattices(self, exact: Lattice | None) -> Iterator[Near]:
-        """Grids with small deviations from all values, the simplest first; none where there are
+        """Grids with small deviations from the few values, the simplest first; none where there are
         none. exact: the grid without deviations, which a natural grid must be SPARSE times coarser
         than."""
         if not self.values.size or self.refusal:
             return
-        u, steps = self.distinct, self.steps(exact)
+        u, steps = self.few, self.steps(exact)
         if steps is None:
             return
         noises = [steps.noise * share for share in SHARES]
-        for ratio in chain(
-            (near(u, steps, noise) for noise in noises), fitted_all(u, steps, noises)
-        ):
+        for ratio in chain(near_all(u, steps, noises), fitted_all(u, steps, noises)):
             found = first_near(u, iter([ratio]), inf, COUNT_BITS)
             if found:
                 yield found
@@ -346,22 +443,22 @@ def on_uniform_grid(
     x = search.values
     if not x.size or search.refusal:
         return None
-    u = search.distinct
-    room = error - float(np.spacing(max(-u[0], u[-1])))
+    low, high = search.facts.low, search.facts.high
+    room = error - float(np.spacing(max(-low, high)))
     if room <= 0:
         return None
     step = Fraction(FOUR_DIGITS_DOWN.create_decimal_from_float(2 * room))
-    found = first_near(u, iter([on_grid(u, step, "a uniform grid")]), error, COUNT_BITS)
+    found = search.confirmed(
+        lambda u: first_near(u, iter([on_grid(u, step, "a uniform grid")]), error, COUNT_BITS),
+        error,
+    )
     if found is None:
         return None
-    calibration, counts, largest, how = found
-    placed = CalibratedCounts(calibration, counts, how)
-    lattice = _lattice(x, u, placed, f"rounded by {largest:.3g} at most to {how}")
+    near, counts = found
+    largest = near.largest_deviation
+    lattice = lattice_of(near, counts, f"rounded by {largest:.3g} at most to {near.how}")
     deviation = Deviation(error, largest)
-    changed = replace(
-        channel, stored=nearest_counts(x, calibration).astype(np.int32), calibration=calibration,
-        deviation=deviation,
-    )  # fmt: skip
+    changed = replace(channel, stored=counts, calibration=near.calibration, deviation=deviation)
     return changed, lattice.reason
 
 
@@ -370,7 +467,14 @@ def sparse(counts: NDArray[Any]) -> bool:
     if not counts.size:
         return False
     # In Python: the range of 32-bit counts takes 33.
-    return int(counts.max()) - int(counts.min()) >= SPARSE * np.unique(counts).size
+    low = int(counts.min())
+    extent = int(counts.max()) - low
+    if extent < SPARSE or extent >= SPARSE * counts.size:
+        return extent >= SPARSE
+    seen = np.zeros(extent + 1, np.bool_)
+    for at in range(0, counts.size, SLICE):
+        seen[np.subtract(counts[at : at + SLICE], low, dtype=np.int64)] = True
+    return extent >= SPARSE * int(np.count_nonzero(seen))
 
 
 def _snap(
@@ -383,8 +487,8 @@ def _snap(
     if x.size == 0:
         assert isinstance(exact, Lattice)
         return exact, tolerance.value
-    u = search.distinct
-    steps = search.steps(exact if isinstance(exact, Lattice) else None)
+    known = exact if isinstance(exact, Lattice) else None
+    steps = search.steps(known)
     if lsb is not None and not 0 < lsb <= EXACT_LIMIT:
         lsb = None  # nothing that a channel with finite counts has
     step = lsb
@@ -400,24 +504,26 @@ def _snap(
         return "the tolerance is beyond float64 in the channel's unit"
     allowed = min(allowed, SINGLE_MAX)
     if steps:
-        found = _within(x, u, _natural(u, steps, allowed), allowed, bits)
+        found = _within(search, lambda u: _natural(u, search.steps(known), allowed), allowed)
         if found:
             return found, allowed
     if isinstance(exact, Lattice):
         if search.has_negative_zero:
             exact = replace(exact, exact=False, reason=f"-0.0 became 0; otherwise {exact.reason}")
         return exact, allowed
-    found = _within(x, u, _grids(u, allowed, lsb), allowed, bits)
+    found = _within(search, lambda u: _grids(u, allowed, lsb), allowed)
     if found:
         return found, allowed
     return f"no grid with {bits}-bit counts keeps every value within {allowed:.3g}"
 
 
-def _natural(u: NDArray[np.float64], steps: Steps, allowed: float) -> Iterator[Ratio | None]:
+def _natural(u: NDArray[np.float64], steps: Steps | None, allowed: float) -> Iterator[Ratio | None]:
+    if steps is None:
+        return
     # The simplest first: the noise was found with any offset, and a plain one may need a little
     # more. Then as near as the tolerance asks for.
     noises = 2 * steps.noise, steps.noise, min(allowed, steps.noise / 2)
-    yield from (near(u, steps, noise) for noise in noises)
+    yield from near_all(u, steps, noises)
     yield from fitted_all(u, steps, noises)
 
 
@@ -441,37 +547,25 @@ def _one_two_five(largest: Fraction) -> Iterator[Fraction]:
 
 
 def _within(
-    x: NDArray[np.float64],
-    u: NDArray[np.float64],
-    ratios: Iterator[Ratio | None],
+    search: LatticeSearch,
+    ratios: Callable[[NDArray[np.float64]], Iterator[Ratio | None]],
     allowed: float,
-    bits: int,
 ) -> Lattice | None:
-    """The first that keeps all of u, the distinct values of x, within ``allowed``."""
-    found = first_near(u, ratios, allowed, bits)
+    """The first that keeps all values within ``allowed``."""
+    found = search.confirmed(lambda u: first_near(u, ratios(u), allowed, search.bits), allowed)
     if found is None:
         return None
-    calibration, counts, largest, how = found
-    reason = f"each value is rounded by at most {largest:.3g}, to {how}"
-    return _lattice(x, u, CalibratedCounts(calibration, counts, how), reason, deviation=largest)
+    near, counts = found
+    reason = f"each value is rounded by at most {near.largest_deviation:.3g}, to {near.how}"
+    return lattice_of(near, counts, reason)
 
 
-def _lattice(
-    x: NDArray[np.float64],
-    u: NDArray[np.float64],
-    placed: CalibratedCounts,
-    reason: str,
-    *,
-    exact: bool = False,
-    deviation: float = 0.0,
+def lattice_of(
+    near: Near, counts: NDArray[np.int32], reason: str, *, exact: bool = False
 ) -> Lattice:
-    calibration, counts, _ = placed
-    bits = max(abs(int(counts[0])), abs(int(counts[-1]))).bit_length() + 1
+    """The grid with all counts [samples], and what is said of it."""
+    calibration = near.calibration
+    bits = max(-int(counts.min()), int(counts.max())).bit_length() + 1
     step = f"step {float(calibration.step):.10g} = {calibration.a}/{calibration.d}"
-    return Lattice(
-        calibration,
-        counts.astype(np.int32)[np.searchsorted(u, x)],  # COUNT_BITS
-        exact,
-        deviation,
-        f"{reason}, {step}, {bits}-bit counts",
-    )
+    text = f"{reason}, {step}, {bits}-bit counts"
+    return Lattice(calibration, counts, exact, near.largest_deviation, text)

@@ -15,16 +15,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import ceil, log, sqrt
+from functools import cached_property
+from math import ceil, floor, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels import compiled
 from ..recording import Channel, Recording
 from .bounded import error_of
 from .gridded import Gridded
 from .lattice import Lattice, LatticeSearch, sparse
-from .settings import Settings
+from .predict import log_2
+from .settings import Settings, fastest_of
 
 SHARES, TRIED, GUESSED = 35, (38, 42, 46, 50, 54, 58), 50
 """One changed byte should take at most one of SHARES of the samples, as the mean of all bytes.
@@ -105,9 +108,11 @@ def load_of(member: Gridded, search: LatticeSearch) -> Load:
     elif channel.calibration is None:
         bits = WORD_SHARE * 8 * channel.stored.itemsize
     else:
-        away = np.abs(looked - channel.calibration.zero)
-        room = max(error_of(channel, promise), int(promise.k * Fraction(float(np.median(away)))))
-        bits = bits_of(np.rint(looked / (2 * room + 1)))
+        room = error_of(channel, promise)
+        if promise.k:
+            away = np.abs(looked - channel.calibration.zero)
+            room = max(room, int(promise.k * Fraction(float(np.median(away)))))
+        bits = bits_of(np.rint(looked / (2 * room + 1)) if room else looked)
         if promise.k or promise.texture is not None:
             bits *= FELT_SHARE
     guessed = step is None and channel.calibration is None
@@ -120,6 +125,8 @@ def natural_step(member: Gridded, search: LatticeSearch) -> float | None:
     if not member.promise.lossless or search.given.dtype != np.float64 or search.refusal:
         return None
     if calibration is None:
+        if isinstance(search.exact, Lattice):  # Only -0.0 is off the grid.
+            return float(abs(search.exact.calibration.step))
         steps = search.steps(None)
         return steps.low if steps else None
     counts = member.channel.stored
@@ -138,14 +145,19 @@ def pieces_of(x: NDArray[np.generic]) -> NDArray[np.generic]:
 
 
 def bits_of(looked: NDArray[np.float64]) -> float:
-    """Bits a sample, each piece by the best of the first three differences."""
-    found = []
-    x = looked - np.floor(looked.mean(axis=1, keepdims=True))
-    for _ in range(3):
-        if x.shape[1]:
-            found.append(np.log2(1 + SPREAD * np.abs(x).mean(axis=1)))
-        x = np.diff(x, axis=1)
-    return float(np.min(found, axis=0).mean())
+    """Bits a sample, each piece of whole numbers by the best of the first three differences."""
+    pieces, size = len(looked), looked[0].size
+    if compiled is not None:
+        bits: float = compiled.piece_bits(np.ascontiguousarray(looked), pieces)
+        return bits / pieces
+    total: float = 0.0
+    for x in looked:
+        row, found = x - np.floor(np.cumsum(x)[-1] / size), []
+        for _ in range(min(size, 3)):
+            found.append(log_2(1 + SPREAD * (float(np.cumsum(np.abs(row))[-1]) / row.size)))
+            row = np.diff(row)
+        total += float(min(found))
+    return total / pieces
 
 
 @dataclass(frozen=True)
@@ -174,9 +186,14 @@ class PacketLengths:
         guessed = settings.references and sum(load.guessed for load in loads) > 1
         tried = sorted({min(most, n) for n in TRIED if n >= GUESSED or not guessed})
         some = [channel for channel in recording.channels if channel.coverage]
-        begin = min(channel.coverage[0].start / channel.rate_exact for channel in some)
-        end = max(channel.coverage[-1].stop / channel.rate_exact for channel in some)
-        fastest = max(channel.rate_exact for channel in recording.channels)
+        fastest = fastest_of(recording)
+        ends: dict[tuple[int, int], tuple[int, int]] = {}
+        for channel in some:
+            rate, (first, *_), last = channel.rate_exact, channel.coverage, channel.coverage[-1]
+            low, high = ends.get(key := rate.as_integer_ratio(), (first.start, last.stop))
+            ends[key] = min(low, first.start), max(high, last.stop)
+        begin = min(Fraction(low * d, n) for (n, d), (low, _) in ends.items())
+        end = max(Fraction(high * d, n) for (n, d), (_, high) in ends.items())
         count = next((n for n in CLUSTERS if 3 * n <= tried[0]), 1)
         cluster = longest
         if count > 1 and end - begin < ENOUGH * longest:
@@ -209,6 +226,11 @@ class PacketLengths:
             root += sign * sum(load.root for load in tracks)
         return replace(self, whole=replace(self.whole, size=size), root=root)
 
+    @cached_property
+    def together(self) -> list[Fraction]:
+        """How many clusters a packet may be as long as."""
+        return [Fraction(n) for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
+
     def seconds(self, channels: Sequence[Channel], loads: Sequence[Load]) -> Fraction:
         """How long the packets of a track with these channels are."""
         load, rate = Load.of(loads), channels[0].rate_exact
@@ -220,17 +242,20 @@ class PacketLengths:
             least = WORST * min(self.shares / SHARES, 1) * load.samples / self.whole.samples
         density = self.shares * self.root / (self.whole.size * self.whole.samples)
         parts = max(density * load.root / load.cost, least, 1.0)
-        lasts, most = Fraction(ticks) / rate, max(ticks / SHORTEST, 1.0)
-        if lasts <= self.cluster:
+        most = max(ticks / SHORTEST, 1.0)
+        n, d = rate.as_integer_ratio()
+        cn, cd = self.cluster.as_integer_ratio()
+        clusters = ticks * d * cd / (n * cn)
+        if ticks * d * cd <= n * cn:
             pieces = round(min(parts, most))
-            return lasts / pieces if pieces > 1 else self.cluster
-        clusters = float(lasts / self.cluster)
-        ways = [Fraction(n) for n in (1, *CLUSTERS) if n * self.cluster <= self.longest]
-        ways += [Fraction(1, n) for n in range(2, ceil(parts / clusters) + 2)]
+            return Fraction(ticks * d, n * pieces) if pieces > 1 else self.cluster
+        ways = [*self.together]
+        most_near = min(max(parts, least), most) / clusters
+        ways += [Fraction(1, n) for n in {floor(most_near), ceil(most_near)} if n > 1]
         # Where two ways are as near, the longer packets win.
         found = [
-            (abs(log(max(clusters / way, 1.0) / parts)), -way)
+            (abs(log(max(count, 1.0) / parts)), count, way)
             for way in ways
-            if least <= clusters / way <= most
+            if least <= (count := clusters / float(way)) <= most
         ]
-        return self.cluster * (-min(found)[1] if found else 1)
+        return self.cluster * (min(found)[2] if found else 1)

@@ -127,14 +127,15 @@ ROUNDING = Fraction(1, 1 << 17)
 ONE_COUNT = Tolerance(1, "lsb")
 
 
+NO_COUNTS = np.zeros(1, np.int64)
+
+
 class Made(NamedTuple):
-    """Packets of a block, the track that they are for, its id open, and its least and its largest
-    count."""
+    """Packets of a block, the track that they are for, its id open, and the counts in them."""
 
     track: Track
     packets: list[Packet]
-    low: int = 0
-    high: int = 0
+    counts: NDArray[np.int64] = NO_COUNTS
 
 
 @dataclass(frozen=True)
@@ -206,8 +207,8 @@ class Plan:
                 raise ParameterError(
                     f"channel {channel} ({given.label!r}) takes integer counts, not {values.dtype}"
                 )
-            outside = (values < self.low) | (values > self.high)
-            if outside.any():
+            if values.size and not self.low <= values.min() <= values.max() <= self.high:
+                outside = (values < self.low) | (values > self.high)
                 raise self.outside_range(values, outside, channel, start)
             return np.ascontiguousarray(values, np.int64)
         x = floats(values, f"channel {channel} ({given.label!r})").astype(np.float64, copy=False)
@@ -502,8 +503,7 @@ class ExactEncoder:
     def code(self, x: Doubles, start: int) -> Made:
         lacking = self.lattice.lacking(x)
         data = beside_counts(self.pack(lacking.counts), lacking)
-        low, high = int(lacking.counts.min()), int(lacking.counts.max())
-        return Made(self.track, [Packet(0, start, x.size, data)], low, high)
+        return Made(self.track, [Packet(0, start, x.size, data)], lacking.counts)
 
 
 class WordsEncoder:
@@ -706,7 +706,7 @@ class LiveEncoder:
             if track is None:
                 track = self.number(block.channel, made.track)
                 tracks.append(track)
-            packets += [replace(packet, track=track.id) for packet in made.packets]
+            packets += [Packet(track.id, p.start, p.span, p.data) for p in made.packets]
         return tracks, sorted(packets, key=attrgetter("track", "start"))
 
     def code(self, run: Sequence[tuple[Block, NDArray[Any]]]) -> list[tuple[Block, Made]]:
@@ -744,8 +744,8 @@ class LiveEncoder:
         fits = (
             all(getattr(track, name) == getattr(made.track, name) for name in same)
             and track.components[0].deviation == made.track.components[0].deviation
-            and track.count_min <= made.low
-            and made.high <= track.count_max
+            and track.count_min <= made.counts.min()
+            and made.counts.max() <= track.count_max
         )
         return track if fits else None
 
@@ -775,7 +775,7 @@ class GridEncoder:
 
     def code(self, x: NDArray[np.int64], start: int) -> Made:
         packet = Packet(0, start, x.size, self.pack(nearest(x, self.plan.grid)))
-        return checked(Made(self.track, [packet], int(x.min()), int(x.max())), x)
+        return checked(Made(self.track, [packet], x))
 
 
 class BoundedEncoder(GridEncoder):
@@ -805,7 +805,7 @@ class BoundedEncoder(GridEncoder):
             self.choose([size_of(each) if each else inf for each in tried])
             found = tried[self.now]
         assert found
-        return checked(Made(found.track, found.packets, int(x.min()), int(x.max())), x)
+        return checked(Made(found.track, found.packets, x))
 
     def try_all(self, ways: Sequence[Way]) -> list[Coded | None]:
         """The present form, and all that are smaller than those before them."""
@@ -842,14 +842,14 @@ def size_of(coded: Coded) -> int:
     return sum(len(packet.data) for packet in coded.packets)
 
 
-def checked(made: Made, x: NDArray[np.int64]) -> Made:
+def checked(made: Made) -> Made:
     """The same, where the decoded counts keep the contract."""
     contract = made.track.contract
     if contract is not None:
         band = Deadband(contract.kn, contract.kd, contract.floor, contract.zero)
         decoder = TrackDecoder(made.track, ENCODE_LEVEL)
         y = np.concatenate([decoder.decode(packet)[:, 0] for packet in made.packets])
-        if band.outside(x, y.astype(np.int64)).any():
+        if band.outside(made.counts, y.astype(np.int64)).any():
             raise AssertionError("an encoder that guarantees a bound left it")
     return made
 

@@ -62,6 +62,10 @@ REPEAT_SHARE = 50
 SPARSE = 1.5
 """Bits a sample. Below, what codes by bits may expect repeats anyway, so that way is looked at."""
 
+QUIET_BITS = 141
+"""256ths of a bit a sample. Below, what codes by bits learns more of plain differences than of what
+LPC leaves."""
+
 POLYNOMIALS = ((), (), (1,), (2, -1), (3, -3, 1))
 """As predictors of the samples, or of their first differences."""
 
@@ -76,7 +80,7 @@ LIMITS = np.array([sin(pi * (2 * k + 1) / 512) for k in range(127)])
 
 
 @dataclass(frozen=True)
-class Way:
+class Attempt:
     """A predictor, and what it predicts with: the samples or their first differences."""
 
     predictor: Predictor
@@ -145,13 +149,13 @@ class Choice:
         self.looked_at = np.arange(self.size) // PART % effort.stride == 0
         self.seen = int(np.count_nonzero(self.looked_at))
 
-    def ranked(self) -> list[Way]:
+    def ranked(self) -> list[Attempt]:
         """The best first."""
         polynomials = [
-            Way(Predictor(g, (), self.bases[g > 0])) for g in range(DIFFERENCE_LIMIT + 1)
+            Attempt(Predictor(g, (), self.bases[g > 0])) for g in range(DIFFERENCE_LIMIT + 1)
         ]
         loudness = self.loudness([self.errors(way) for way in polynomials])
-        ways: list[Way] = []
+        ways: list[Attempt] = []
         reflections: dict[int, list[int]] = {}
         for place in range(SUMS):
             if self.effort.sums >> place & 1:
@@ -166,7 +170,10 @@ class Choice:
                 if order <= len(every) and order != len(best.predictor.reflections):
                     ways += map(self.measured, self.way(best.set, every[:order]))
         ways += map(self.measured, polynomials)
-        able = sorted((self.whole(way) for way in ways if way.bits >= 0), key=lambda way: way.bits)
+        able = [way for way in ways if way.bits >= 0]
+        if min((way.bits for way in able), default=0) < QUIET_BITS * self.seen:
+            able = [way for way in able if not way.predictor.reflections]
+        able = sorted(map(self.whole, able), key=lambda way: way.bits)
         marks = np.count_nonzero(self.indices[1:] == self.indices[:-1])
         if able and marks * REPEAT_SHARE > self.size:
             marked = self.measured(
@@ -177,13 +184,17 @@ class Choice:
                 able.insert(marked.bits >= able[0].bits, marked)
         return able
 
-    def way(self, place: int, reflections: Sequence[int]) -> list[Way]:
+    def way(self, place: int, reflections: Sequence[int]) -> list[Attempt]:
         """None where there is nothing to predict with, or it is out of range."""
         difference = int(place < 2)
         predictor = Predictor(difference, tuple(reflections), self.bases[difference])
-        return [Way(predictor, place)] if reflections and predictor.coefficients is not None else []
+        return (
+            [Attempt(predictor, place)]
+            if reflections and predictor.coefficients is not None
+            else []
+        )
 
-    def errors(self, way: Way) -> NDArray[np.float64]:
+    def errors(self, way: Attempt) -> NDArray[np.float64]:
         """Prediction errors, four coefficients at a time."""
         x, taps = self.rows[way.predictor.difference > 0], way.taps
         taps += [0.0] * (-len(taps) % 4)
@@ -226,7 +237,7 @@ class Choice:
         lags = range(highest + 1)
         return [in_parts(now * past[highest - lag : past.size - lag]) for lag in lags]
 
-    def measured(self, way: Way) -> Way:
+    def measured(self, way: Attempt) -> Attempt:
         """With the bits of the parts that are looked at."""
         errors, total, counts = self.errors(way), 0, np.zeros((4, 2), np.int64)
         same = np.concatenate(([False], self.indices[1:] == self.indices[:-1]))
@@ -247,7 +258,7 @@ class Choice:
                 total += zeros * bit_cost(256 - p) + ones * bit_cost(p)
         return replace(way, bits=total)
 
-    def whole(self, way: Way, more: int = 0) -> Way:
+    def whole(self, way: Attempt, more: int = 0) -> Attempt:
         """With the bits of all samples; ``more``: bytes of the header."""
         size = len(way.predictor.reflections) + more
         bits = way.bits * self.size // self.seen + 256 * COEFFICIENT_COST * size
@@ -388,7 +399,7 @@ def best_cuts(indices: Indices) -> list[int]:
     if compiled is not None:
         found = np.zeros(PIECES, np.int64)
         return list(found[: compiled.find_cuts(plain, TABLE, LIMITS, found)].tolist())
-    pieces = Pieces(plain, [plain.size * k // count for k in range(count + 1)])
+    pieces = CutPieces(plain, [plain.size * k // count for k in range(count + 1)])
     starts = list(range(count + 1))
     costs = [pieces.bits(k, k + 1)[0] for k in range(count)]
     joint = [pieces.bits(k, k + 2)[0] for k in range(count - 1)]
@@ -404,7 +415,7 @@ def best_cuts(indices: Indices) -> list[int]:
     return [pieces.edges[k] for k in starts[:-1]]
 
 
-class Pieces:
+class CutPieces:
     """Sums of products of first differences, piece by piece, and how much a piece counts where a
     predictor serves several."""
 

@@ -17,19 +17,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from fractions import Fraction
-from math import floor, gcd, log2, nextafter
+from math import ceil, floor, frexp, gcd, lcm, ldexp, log2
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels import compiled
 from ..limits import AFFINE_LIMIT, EXACT_LIMIT, LEVELS
 from ..numbers import rdiv
 from ..recording import Calibration
 
-SMALLEST_COUNT = 256
+SMALLEST_COUNT, FIRST_COUNT = 256, 8
 """Smallest differences that are examined one by one. On the recordings a few settle the step.
 Values without a common step are given up after about three."""
+
+TERMS = 40
+"""Bound on the terms of a fraction: two of them at least double its denominator, twice."""
 
 STEP_ROUNDS = 128
 """Bound on passes over all positions. Each one doubles the reach or at least halves the step, and
@@ -78,8 +82,15 @@ def simplest_fraction(
     """
     if low > high or (low == high and not (low_in and high_in)):
         return None
-    # From a/b to c/d; d is 0 where there is no upper end. Fractions take five times as long.
-    (a, b), (c, d) = low.as_integer_ratio(), high.as_integer_ratio()
+    found = simplest(*low.as_integer_ratio(), *high.as_integer_ratio(), low_in, high_in)
+    return Fraction(*found)
+
+
+def simplest(
+    a: int, b: int, c: int, d: int, low_in: bool = True, high_in: bool = True
+) -> tuple[int, int]:
+    """The same from a/b to c/d, an interval that is not empty. Fractions take five times longer."""
+    # d is 0 where there is no upper end.
     terms: list[int] = []
     while True:
         first = -(-a // b) + (1 if not low_in and a % b == 0 else 0)
@@ -92,7 +103,24 @@ def simplest_fraction(
     n, m = first, 1
     for term in reversed(terms):
         n, m = term * n + m, n
-    return Fraction(n, m)
+    return n, m
+
+
+def simplest_near(low: float, high: float) -> tuple[float, float]:
+    """The same from low > 0 to high, about, for ends that are known by eight ulp and more; 0 where
+    the interval is empty, or too far from 0 for that."""
+    if not low <= high < EXACT_LIMIT:
+        return 0.0, 1.0
+    terms: list[float] = []
+    first = float(ceil(low))
+    while EXACT_LIMIT > first > high and len(terms) < TERMS:
+        terms.append(first - 1)
+        low, high = 1 / (high - terms[-1]), 1 / (low - terms[-1])
+        first = float(ceil(low))
+    n, m = first, 1.0
+    for term in reversed(terms):
+        n, m = term * n + m, n
+    return n, m
 
 
 def common_step(
@@ -154,30 +182,44 @@ def near_steps(u: NDArray[np.float64], floor: float) -> Steps | None:
     gaps = np.diff(u)
     ordered = np.sort(gaps)
     # From the rounding of float64, doubled to where no step is left.
-    noise = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1]))) / 2
-    while (CLEARANCE - 2) * 2 * noise <= ordered[-1]:
+    noise = ROUNDING_ULP * float(np.spacing(max(-u[0], u[-1])))
+    found: Steps | None = None
+    while found is None and (CLEARANCE - 2) * noise <= ordered[-1]:
+        found = steps_with(noise, u, gaps, ordered, floor)
         noise *= 2
-        inside = int(np.searchsorted(ordered, 2 * noise, side="right"))
-        outside = int(np.searchsorted(ordered, (CLEARANCE - 2) * noise))
-        if inside != outside or inside == ordered.size:
-            continue  # some gap is neither noise nor a step
-        least = max(floor, (SHARED_CLEARANCE if inside else CLEARANCE) * noise)
-        # The cheap test first: it ends almost every attempt.
-        few = ordered[inside : inside + SMALLEST_COUNT]
-        if _shortest(few - 2 * noise, few + 2 * noise, least) is None:
-            continue
-        starts = np.concatenate(([0], np.flatnonzero(gaps > 2 * noise) + 1))
-        ends = np.concatenate((starts[1:], [u.size])) - 1
-        if (u[ends] - u[starts] > 2 * noise).any():
-            continue
-        found = common_step(u[ends] - noise, u[starts] + noise, least)
-        if found is None:
-            continue
-        low, high, index = found
-        clear = (starts.size - 2) * log2(low / (2 * noise)) - 2 * log2(float(ordered[inside]) / low)
-        if clear >= CHANCE_BITS:
-            return Steps(low, high, np.repeat(index, ends - starts + 1), noise)
-    return None
+    return found
+
+
+def steps_with(
+    noise: float,
+    u: NDArray[np.float64],
+    gaps: NDArray[np.float64],
+    ordered: NDArray[np.float64],
+    floor: float,
+) -> Steps | None:
+    """The same for one noise. gaps: those of u; ordered: from the smallest on."""
+    inside = int(np.searchsorted(ordered, 2 * noise, side="right"))
+    outside = int(np.searchsorted(ordered, (CLEARANCE - 2) * noise))
+    if inside != outside or inside == ordered.size:
+        return None  # some gap is neither noise nor a step
+    least = max(floor, (SHARED_CLEARANCE if inside else CLEARANCE) * noise)
+    # The cheap test first: it ends almost every attempt.
+    for size in (FIRST_COUNT, SMALLEST_COUNT):
+        few = ordered[inside : inside + size]
+        if _divisor(few - 2 * noise, few + 2 * noise, least) is None:
+            return None
+    starts = np.concatenate(([0], np.flatnonzero(gaps > 2 * noise) + 1))
+    ends = np.concatenate((starts[1:], [u.size])) - 1
+    if (u[ends] - u[starts] > 2 * noise).any():
+        return None
+    found = common_step(u[ends] - noise, u[starts] + noise, least)
+    if found is None:
+        return None
+    low, high, index = found
+    clear = (starts.size - 2) * log2(low / (2 * noise)) - 2 * log2(float(ordered[inside]) / low)
+    if clear < CHANCE_BITS:
+        return None
+    return Steps(low, high, np.repeat(index, ends - starts + 1), noise)
 
 
 def _shortest(
@@ -188,7 +230,17 @@ def _shortest(
     if order.size > SMALLEST_COUNT:
         order = np.argpartition(least, SMALLEST_COUNT)[:SMALLEST_COUNT]
     order = order[np.argsort(least[order], kind="stable")]
-    lows, highs = least[order].tolist(), most[order].tolist()
+    return _divisor(least[order], most[order], floor)
+
+
+def _divisor(
+    least: NDArray[np.float64], most: NDArray[np.float64], floor: float
+) -> tuple[float, float] | None:
+    """The common step of differences in [least, most], in this order."""
+    if compiled is not None:
+        least, most = np.ascontiguousarray(least), np.ascontiguousarray(most)
+        return compiled.common_divisor(least, most, floor)
+    lows, highs = least.tolist(), most.tolist()
     a, b = lows[0], highs[0]
     for low, high in zip(lows, highs, strict=True):
         if a <= 0 or b < floor:
@@ -214,10 +266,9 @@ def _divide(
     times = round((low + high) / (a + b))
     if times >= 1 and low <= times * b and high >= times * a:
         return max(a, low / times), min(b, high / times)
-    ratio = simplest_fraction(Fraction(low) / Fraction(b), Fraction(high) / Fraction(a))
-    if not ratio:
+    p, q = simplest_near(low / b, high / a)
+    if not p:
         return None
-    p, q = ratio.numerator, ratio.denominator
     a, b = sorted((max(a / q, low / p), min(b / q, high / p)))
     return (a, b) if b >= floor else None
 
@@ -234,10 +285,6 @@ PROBES = 64
 SMALL = 1 << 16
 """Denominators that are tried one by one, in a millisecond: those of sensors with up to 16 bits."""
 
-TRIES = 4
-"""The step that gives PROBES values is right for all, unless the values differ a lot in
-magnitude."""
-
 WITNESSES = 128
 """Exact bounds added per round of the search for A/D: one round costs about a millisecond."""
 
@@ -245,7 +292,7 @@ ROUNDS = 32
 """Each round leaves about 1 in WITNESSES of the values wrong, so that 5 do for 2**32 of them; the
 rest is for what is not evenly spread."""
 
-HALVINGS = 32
+HALVINGS = 16
 """How often the step's interval is halved. It is a few times wider than the noise requires."""
 
 
@@ -301,7 +348,10 @@ def dyadic(u: NDArray[np.float64]) -> Ratio | None:
 def decimal(u: NDArray[np.float64]) -> Ratio | None:
     """Exactly, with the fewest decimal places."""
     probes = u[:: max(1, u.size // PROBES)]
-    for places in range(1, PLACES + 1):
+    # The shortest text of a double tells how many places it needs at least.
+    texts = (Decimal(repr(value)) for value in probes[:: PROBES // 8].tolist())
+    least = max(-int(text.normalize().as_tuple().exponent) for text in texts)
+    for places in range(max(least, 1), PLACES + 1):
         if max(-u[0], u[-1]) * 10.0**places > EXACT_LIMIT:
             return None
         if _over(probes, 10**places) is not None:
@@ -312,14 +362,26 @@ def decimal(u: NDArray[np.float64]) -> Ratio | None:
 
 
 def small_denominator(u: NDArray[np.float64]) -> Ratio | None:
-    """Exactly, over the smallest denominator, with any offset."""
-    d = np.arange(1.0, min(SMALL, EXACT_LIMIT / max(-u[0], u[-1])) + 1)
-    for probe in u[:: max(1, u.size // PROBES)].tolist():
-        d = d[np.rint(probe * d) / d == probe]
-    for denominator in d[:TRIES].astype(np.int64).tolist():
-        n = _over(u, denominator)
-        if n is not None:
-            return Ratio(n, denominator, "a common denominator")
+    """Exactly, over the smallest denominator, with any offset.
+
+    Every value has a simplest fraction. Another fraction with a small denominator can be the same
+    value only if it is an equal one, unless the value is large. So all of them share a multiple of
+    their denominators.
+    """
+    d, most = 1, min(SMALL, EXACT_LIMIT / max(-u[0], u[-1]))
+    probes = u[u.size // 2 :: max(1, u.size // PROBES)]
+    while d <= most:
+        missed = probes[np.rint(probes * d) / d != probes]
+        if not missed.size:
+            n = _over(u, d)
+            if n is not None:
+                return Ratio(n, d, "a common denominator")
+            missed = u[np.rint(u * d) / d != u]
+            if not missed.size:
+                return None
+        before, d = d, lcm(d, shortest_fraction(abs(float(missed[0]))).denominator)
+        if d == before:
+            return None
     return None
 
 
@@ -347,20 +409,23 @@ def stepped(u: NDArray[np.float64], least: float) -> Ratio | None:
     return ratio if ratio is not None and _gives(ratio, u) else None
 
 
-def near(u: NDArray[np.float64], steps: Steps, noise: float) -> Ratio | None:
-    """The simplest step that brings all values within ``noise``, with the offset a fraction of it.
+def near_all(
+    u: NDArray[np.float64], steps: Steps, noises: Sequence[float]
+) -> Iterator[Ratio | None]:
+    """The simplest step that brings all values within each noise, with the offset a fraction of it.
 
     steps: of these values, as found by ``near_steps``. None where no such offset does.
     """
     indices = _indices(u - steps.noise, u + steps.noise, steps)
     if indices is None:
-        return None
+        return
     away = indices != 0
     times = np.abs(indices[away]).astype(np.float64)
     size = np.where(indices > 0, u, -u)[away]
-    low, high = float(((size - noise) / times).max()), float(((size + noise) / times).min())
-    step = simplest_fraction(Fraction(low), Fraction(high)) if low > 0 else None
-    return None if step is None else _scaled(indices, step, "a common step")
+    for noise in noises:
+        low, high = float(((size - noise) / times).max()), float(((size + noise) / times).min())
+        step = simplest_fraction(Fraction(low), Fraction(high)) if low > 0 else None
+        yield None if step is None else _scaled(indices, step, "a common step")
 
 
 def fitted_all(
@@ -458,10 +523,8 @@ def place(ratio: Ratio, bits: int) -> CalibratedCounts | None:
 
 def shortest_fraction(value: float) -> Fraction:
     """The simplest fraction that rounds to ``value`` > 0 in float64."""
-    low, high, closed = _rounding_interval(value)
-    ratio = simplest_fraction(low, high, closed, closed)
-    assert ratio is not None  # the value itself lies inside
-    return ratio
+    low, high, q, closed = _rounding_interval(value)
+    return Fraction(*simplest(low, q, high, q, closed, closed))
 
 
 def _simplest_between(one: Fraction, other: Fraction) -> Fraction:
@@ -505,23 +568,25 @@ def _witnessed(u: NDArray[np.float64], indices: NDArray[np.int64]) -> Ratio | No
 
     A value that the simplest step so far does not give adds its own exact bounds.
     """
-    low, high = Fraction(0), Fraction(EXACT_LIMIT)
+    # Each bound is p / q. Comparing products takes a tenth of what fractions take.
+    low, high = (0, 1), (EXACT_LIMIT, 1)
     low_in = high_in = True
     witnesses = np.unique(np.linspace(0, u.size - 1, min(u.size, WITNESSES)).astype(np.int64))
     for _ in range(ROUNDS):
         for at in witnesses.tolist():
             if indices[at] == 0:
                 continue
-            times = abs(int(indices[at]))
-            least, most, closed = _rounding_interval(abs(float(u[at])))
-            least, most = least / times, most / times
-            if least >= low:
-                low_in = closed and (least > low or low_in)
-                low = least
-            if most <= high:
-                high_in = closed and (most < high or high_in)
-                high = most
-        step = simplest_fraction(low, high, low_in, high_in)
+            least, most, q, closed = _rounding_interval(abs(float(u[at])))
+            q *= abs(int(indices[at]))
+            away = least * low[1] - low[0] * q
+            if away >= 0:
+                low_in = closed and (away > 0 or low_in)
+                low = least, q
+            away = high[0] * q - most * high[1]
+            if away >= 0:
+                high_in = closed and (away > 0 or high_in)
+                high = most, q
+        step = simplest_fraction(Fraction(*low), Fraction(*high), low_in, high_in)
         ratio = None if step is None else _scaled(indices, step, "a common step")
         if ratio is None:
             return None  # steps only get less simple from here
@@ -556,10 +621,13 @@ def _over(u: NDArray[np.float64], denominator: int) -> NDArray[np.int64] | None:
     return numerators if np.array_equal(n / float(denominator), u) else None
 
 
-def _rounding_interval(value: float) -> tuple[Fraction, Fraction, bool]:
-    """The reals that round to ``value`` > 0 in float64, and whether the ends are among them."""
-    exact = Fraction(value)
-    low = (exact + Fraction(nextafter(value, 0.0))) / 2
-    high = (exact + Fraction(nextafter(value, float("inf")))) / 2
-    even = int(np.float64(value).view(np.int64)) % 2 == 0
-    return low, high, even
+def _rounding_interval(value: float) -> tuple[int, int, int, bool]:
+    """p, q, d: the reals from p / d to q / d round to ``value`` > 0 in float64; and whether the
+    ends do."""
+    fraction, exponent = frexp(value)
+    # Below a power of two doubles are twice as dense.
+    whole, shift = int(ldexp(fraction, 53)), 55 - exponent
+    p, q = 4 * whole - (1 if whole == 1 << 52 else 2), 4 * whole + 2
+    if shift < 0:
+        p, q, shift = p << -shift, q << -shift, 0
+    return p, q, 1 << shift, whole % 2 == 0

@@ -12,6 +12,7 @@ saved. Sums are of integers, exact in any order.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import log2
 
@@ -20,30 +21,34 @@ from numpy.typing import NDArray
 
 from ..codecs.grids import LpcParameters
 from ..codecs.predicted import (
-    INDEX_LIMIT,
+    ORDER_LIMIT,
     REFERENCE_LIMIT,
     REFERENCE_SIZE,
+    TABLE,
     TAPS,
     Predictor,
     Reference,
-    encode_component,
+    encode_indices,
     join_components,
-    parse_header,
     prediction_errors,
-    taps_of,
+    step_up,
 )
 from ..deadband import Deadband
 from ..format.cluster import Packet
+from ..kernels import compiled
 from ..limits import ZERO_LIMIT
-from ..numbers import clamp, rdiv
+from ..numbers import clamp
 from ..recording import Channel, Span
+from ..spool import release
+from ..threads import check_stopped
 from .bounded import contract_for, error_of
+from .effort import Effort
 from .gridded import nearest_uniform
 from .knots import Coded
 from .plan import Promise
-from .predict import encode_best, linear_predictor
+from .predict import LIMITS, autocorrelations, best_order, encode_best, levinson, logs
 from .settings import Settings
-from .source import InputBlock, declared_range, make_track
+from .source import declared_range, make_track
 from .unit import Unit
 
 Indices = NDArray[np.int64]
@@ -58,117 +63,64 @@ LIKELY = 0.005
 CHANCE = 16
 """The same times the samples: chance alone gives 1."""
 
-NORMAL_BITS, CLIPPED_BITS, BLOCK = 8, 16, 32
-"""Prediction errors are brought to a mean of 8 bits in each block, and clipped to 16: products of
-32 bits, and no packet has 2**20 of them."""
+NORMAL_BITS, LOUDEST, BLOCK = 7, 4095, 32
+"""Prediction errors are brought to a mean of 7 bits in each block, and clipped: a tap does not
+outweigh all the rest, and sums of products are quick."""
+
+AWAY = 2
+"""Ticks between two taps."""
+
+FIRST_ORDERS = 8
+"""Coefficients of the predictors with which channels are compared."""
 
 ENOUGH, PIECE = 4096, 256
 """In packets of more than ENOUGH samples, only every nth piece is used."""
 
-LOUD = 1 << 12
-"""Prediction errors are limited to 16 times the mean, so that a tap does not outweigh all the
-rest."""
-
-MOST_TOLD = 0.999
-"""Largest share of a channel's energy that other channels may explain."""
-
 WORTH = 0.004
 """Bits a sample that a further reference has to save."""
 
-
-def quick_predictor(indices: Indices) -> Predictor:
-    first = int(indices[0])
-    if (indices == first).all():
-        return Predictor(1, (), first)
-    predictor, _ = linear_predictor(indices, 1, first)
-    return predictor if predictor.coefficients is not None else Predictor(1, (), first)
+PAYS = 0.01
+"""Share of the bits that the references of a packet have to save, besides their own."""
 
 
-def likely_sources(errors: NDArray[np.float64]) -> tuple[list[list[int]], float]:
-    """For each channel the earlier ones whose errors correlate with its own at one of the taps. The
-    second value is the bits that this saves if no two of them explain the same errors."""
-    size = errors.shape[1]
-    energies = np.einsum("it,it->i", errors, errors) + 1
-    scores = np.zeros((len(errors),) * 2)
-    for tap in TAPS:
-        now = errors[:, max(0, -tap) : size - max(0, tap)]
-        then = errors[:, max(0, tap) : size + min(0, tap)]
-        products = np.einsum("it,jt->ij", now, then)
-        scores += products * products / np.multiply.outer(energies, energies)
-    enough = max(LIKELY, CHANCE / size)
-    found, saved = [], 0.0
-    for place in range(len(errors)):
-        likely = [(-score, a) for a, score in enumerate(scores[place, :place]) if score > enough]
-        best = sorted(likely)[:REFERENCE_LIMIT]
-        found.append(sorted(a for _, a in best))
-        told = min(-sum(score for score, _ in best), MOST_TOLD)
-        saved -= size / 2 * log2(1 - told)
-    return found, saved
+def predictor_of(y: Indices, orders: int | None = None) -> tuple[int, ...]:
+    """Reflection coefficients for first differences: as many as repay themselves, or ``orders``."""
+    most = min(orders or ORDER_LIMIT, y.size - 1)
+    reflections, energies = levinson(autocorrelations(y, 0, 0), y.size, most)
+    found = tuple(reflections[: orders or best_order(energies, y.size)])
+    return () if step_up(found) is None else found
 
 
-def choose_sources(
-    left: Moments, likely: Sequence[int], size: int
-) -> tuple[tuple[int, ...], float]:
-    """One after the other while it is worth its bits; and the bits that all of them save."""
-    before = first = energy_of(left)
-    chosen: list[int] = []
-    while len(chosen) < len(likely):
-        tried = [
-            (energy_of(swept), place, swept)
-            for place in range(len(likely))
-            if place not in chosen
-            for swept in [sweep(left, place)]
-        ]
-        least, place, swept = min(tried, key=lambda each: each[:2])
-        if size / 2 * log2(before / least) < max(8 * REFERENCE_SIZE, WORTH * size):
-            break
-        before, left = least, swept
-        chosen.append(place)
-    return tuple(likely[place] for place in sorted(chosen)), size / 2 * log2(first / before)
-
-
-def moments(
-    indices: Indices,
-    predictor: Predictor,
-    earlier: Sequence[Indices],
-    sources: Sequence[int],
-    settled: NDArray[np.bool_],
-) -> Moments:
-    """Sums of products of all taps of the sources and, last, the prediction errors."""
-    c, difference = predictor.coefficients or [], predictor.difference
-    errors = prediction_errors(indices, difference, c, predictor.base)[settled]
-    scales = scales_of(errors) - 4
-    rows = [tap[settled] for a in sources for tap in taps_of(earlier[a], difference, c)]
-    x = scaled(centred(np.stack([*rows, errors])), scales)
-    x[-1].clip(-LOUD, LOUD, out=x[-1])
-    found: Moments = np.einsum("it,jt->ij", x, x)
-    # Roundings of the scaled numbers: without them, taps that are the same have no inverse.
-    found[np.diag_indices(len(rows))] += x.shape[1]
-    return found
-
-
-def centred(x: Indices) -> Indices:
-    """16 times what is left without the mean: a base takes what is the same everywhere."""
-    size = x.shape[1]
-    means = [rdiv(16 * total, size) for total in x.sum(axis=1).tolist()]
-    return np.asarray(16 * x - np.array(means, np.int64)[:, None])
-
-
-def scales_of(errors: Indices) -> Indices:
+def shifts_of(errors: Indices) -> Indices:
     """By how many bits the numbers of each block are shifted to the left, for each sample."""
     starts = np.arange(0, errors.size, BLOCK)
-    sums = np.add.reduceat(np.abs(errors), starts)
-    means = sums // np.diff(np.append(starts, errors.size))
+    means = np.add.reduceat(np.abs(errors), starts) // np.diff(np.append(starts, errors.size))
     bits = np.frexp(means.astype(np.float64))[1].astype(np.int64)
     return np.repeat(NORMAL_BITS - np.maximum(bits, 1), BLOCK)[: errors.size]
 
 
-def scaled(x: Indices, scales: Indices) -> NDArray[np.float64]:
-    """Clipped as well: integers, as doubles."""
-    most = 1 << CLIPPED_BITS
-    rough = x.clip(-most << NORMAL_BITS, most << NORMAL_BITS) << np.maximum(scales, 0)
-    wide = np.where(scales < 0, x >> np.maximum(-scales, 0), rough)
-    return wide.clip(-most, most).astype(np.float64)
+def scaled(x: Indices, shifts: Indices) -> Indices:
+    """Clipped as well."""
+    quiet = x.clip(-LOUDEST, LOUDEST) << np.maximum(shifts, 0)
+    return np.where(shifts < 0, x >> np.maximum(-shifts, 0), quiet).clip(-LOUDEST, LOUDEST)
+
+
+def moments(rows: Sequence[Indices], places: Sequence[int], target: int) -> Moments:
+    """Sums of products of all taps of the rows at these places and, last, the target."""
+    size = rows[target].size
+
+    def product(a: int, p: int, b: int, q: int) -> int:
+        if a < b:
+            a, p, b, q = b, q, a, p
+        now = rows[a][AWAY : size - AWAY]
+        then = rows[b][AWAY + q - p : size - AWAY + q - p]
+        return int((now * then).sum()) if size > 2 * AWAY else 0
+
+    taps = [*((a, tap) for a in places for tap in TAPS), (target, 0)]
+    m = np.array([[product(*one, *other) for other in taps] for one in taps], np.float64)
+    # Roundings: without them, taps that are the same have no inverse.
+    m[np.diag_indices(len(taps) - 1)] += size
+    return m
 
 
 def sweep(m: Moments, source: int) -> Moments:
@@ -184,24 +136,103 @@ def energy_of(m: Moments) -> float:
     return max(float(m[-1, -1]), 1.0)
 
 
-def fit(
-    indices: Indices, predictor: Predictor, earlier: Sequence[Indices], links: tuple[int, ...]
-) -> tuple[Reference, ...]:
-    """The references of a packet, weights and all; those that would weigh nothing are left out."""
-    at = np.arange(indices.size)
-    settled = at >= min(SETTLING, indices.size // 2)
-    if indices.size > ENOUGH:
-        settled &= at // PIECE % (indices.size // ENOUGH + 1) == 0
-    left = moments(indices, predictor, earlier, links, settled)
-    for place in range(len(links)):
-        left = sweep(left, place)
-    weights = np.floor(64 * left[:-1, -1] + 0.5).clip(-128, 127).astype(int)
-    rows = weights.reshape(-1, len(TAPS)).tolist()
-    return tuple(
-        Reference(a, (row[0], row[1], row[2]))
-        for a, row in zip(links, rows, strict=True)
-        if any(row)
-    )
+def choose_sources(
+    rows: Sequence[Indices], target: int, enough: float, factor: float
+) -> tuple[tuple[int, ...], float, float]:
+    """Earlier rows one after the other, while each lowers the energy by the ``factor``; and the
+    energy before and after."""
+    energies = [float((row[AWAY:-AWAY] ** 2).sum()) + 1 for row in rows]
+    scores = []
+    for a in range(target):
+        products = moments(rows, [a], target)[:-1, -1].tolist()
+        score = 0.0
+        for product in products:
+            score += product * product / (energies[target] * energies[a])
+        if score > enough:
+            scores.append((-score, a))
+    likely = sorted(a for _, a in sorted(scores)[:REFERENCE_LIMIT])
+    left = moments(rows, likely, target)
+    before = first = energy_of(left)
+    chosen: list[int] = []
+    while len(chosen) < len(likely):
+        tried = [
+            (energy_of(sweep(left, place)), place)
+            for place in range(len(likely))
+            if place not in chosen
+        ]
+        least, place = min(tried)
+        if before < least * factor:
+            break
+        before, left = least, sweep(left, place)
+        chosen.append(place)
+    return tuple(likely[place] for place in sorted(chosen)), first, before
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The predictor of a component with references, and what these add to its prediction errors.
+
+    ``without``, ``bits``: 256 times about the bits of the samples looked at, alone and with them.
+    """
+
+    reflections: tuple[int, ...]
+    weights: list[int]
+    cross: Indices
+    without: int
+    bits: int
+    used: int
+
+
+def fit(rows: Indices, target: int, links: tuple[int, ...]) -> Fitted:
+    """What is left of the differences of a row by those of its links, twice: at first with the
+    predictor that it has alone."""
+    size = rows.shape[1]
+    if compiled is not None:
+        ks, w = np.zeros(ORDER_LIMIT, np.int8), np.zeros(len(links) * len(TAPS), np.int8)
+        cross = np.zeros(size, np.int64)
+        order, without, bits, used = compiled.refer(
+            np.ascontiguousarray(rows), target, bytes(links), TABLE, LIMITS, ks, w, cross
+        )
+        return Fitted(tuple(ks[:order].tolist()), w.tolist(), cross, without, bits, used)
+    table = rows[[*links, target]]
+    y = list(np.diff(table, prepend=table[:, :1], axis=1))
+    at = np.arange(size)
+    looked = at >= min(SETTLING, size // 2)
+    if size > ENOUGH:
+        looked &= at // PIECE % (size // ENOUGH + 1) == 0
+    reflections, costs = predictor_of(y[-1]), []
+    for last in (False, True):
+        c = step_up(reflections) or []
+        errors = [prediction_errors(row, 0, c, 0) for row in y]
+        seen = [row[looked] for row in errors]
+        shifts = shifts_of(seen[-1])
+        m = moments([scaled(row, shifts) for row in seen], range(len(links)), len(links))
+        for place in range(len(links)):
+            m = sweep(m, place)
+        weights = np.floor(64 * m[:-1, -1] + 0.5).clip(-128, 127).astype(int).tolist()
+        if not last:
+            costs.append(cost_of(seen[-1]))
+            reflections = predictor_of(64 * y[-1] - summed(weights, y[:-1]))
+    rest = seen[-1] - ((summed(weights, seen[:-1]) + 32) >> 6)
+    cross = (summed(weights, errors[:-1]) + 32) >> 6
+    return Fitted(reflections, weights, cross, costs[0], cost_of(rest), rest.size)
+
+
+def summed(weights: Sequence[int], rows: Sequence[Indices]) -> Indices:
+    """Weights times the taps of each row, nothing beyond the ends."""
+    total = np.zeros(rows[0].size, np.int64)
+    for place, row in enumerate(rows):
+        around = np.concatenate(([0], row, [0]))
+        for k, tap in enumerate(TAPS):
+            total += weights[len(TAPS) * place + k] * around[1 + tap : 1 + tap + row.size]
+    return total
+
+
+def cost_of(errors: Indices) -> int:
+    """256 times about their bits, by the mean of each block."""
+    starts = np.arange(0, errors.size, BLOCK)
+    sums, sizes = np.add.reduceat(np.abs(errors), starts), np.diff(np.append(starts, errors.size))
+    return int((sizes * (logs(32 * sizes + 87 * sums) - logs(32 * sizes))).sum())
 
 
 Links = list[tuple[int, ...]]
@@ -210,25 +241,14 @@ Links = list[tuple[int, ...]]
 RUN_LIMIT = 32
 """Components of a track: one lost packet takes all of them along."""
 
-SHORTEST, LONGEST = 4096, 16384
-"""A quarter of a channel is looked at, within these samples."""
+LOOKED_AT, PIECES = 4096, 4
+"""Most samples of a channel that are compared, and in how many pieces."""
 
-PIECES = 4
-"""Spread over the channel, where it is not looked at as a whole."""
+SAVED = 0.02
+"""Share of the bits, by an estimate, that a track of several components has to save."""
 
-SAVED, HOPED = 0.03, 0.02
-"""Share of the bits that a track of several components has to save; and of estimated bits, from
-which on it is tried."""
-
-
-ROOM = 2
-"""References save at most this many times what pairwise correlations promise (measured: 0.1 to 1.9
-times)."""
-
-
-DIFFERENCES, ROUNDS = (0, 1), 2
-"""Weights and predictor are fitted in turn: once for both differences, then ROUNDS times more for
-the better one. The second round takes 2 % off a glove, further ones 1 % each."""
+REPEATED = 4
+"""Repeats are marked where more than one sample in four repeats the one before."""
 
 
 def find_runs(
@@ -252,8 +272,9 @@ def find_runs(
         run = [group[0] for group in groups[at:stop]]
         tied: list[tuple[int, int]] = []
         if step is not None and len(run) > 1:
-            view = SampleView.of(first.coverage)
-            links = find_links([view.indices(channel, step) for channel in run], view.settled)
+            places, torn = places_in(first.coverage)
+            rows = np.stack([channel.stored[places] for channel in run]).astype(np.int64)
+            links = find_links(nearest_uniform(rows, LpcParameters(step)), torn)
             tied = intervals(links)
         done = 0
         for start, end in [*tied, (len(run), len(run))]:
@@ -280,137 +301,75 @@ def intervals(links: Links) -> list[tuple[int, int]]:
     return found
 
 
-@dataclass(frozen=True)
-class SampleView:
-    """Samples of a channel that are looked at: where they are, and which of them follow a gap or
-    the end of a piece."""
-
-    places: Indices
-    torn: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, coverage: Sequence[Span]) -> SampleView:
-        ends = np.cumsum([span.ticks for span in coverage])
-        total = int(ends[-1])
-        size = min(total, max(SHORTEST, min(total // 4, LONGEST)))
-        count = PIECES if size < total else 1
-        starts = [(total * (2 * k + 1) - size) // (2 * count) for k in range(count)]
-        places = np.concatenate([start + np.arange(size // count) for start in starts])
-        return cls(places, (np.diff(places, prepend=-2) != 1) | np.isin(places, ends))
-
-    @property
-    def settled(self) -> NDArray[np.bool_]:
-        """The places whose prediction errors are known well enough."""
-        at = np.arange(self.places.size)
-        since = at - np.maximum.accumulate(np.where(self.torn, at, 0))
-        return np.asarray((since >= SETTLING) & ~np.append(self.torn[1:], True))
-
-    def indices(self, channel: Channel, step: int) -> Indices:
-        """Put together without jumps, where that keeps them within what an index may be."""
-        counts = channel.stored[self.places].astype(np.int64)
-        x = nearest_uniform(counts, LpcParameters(step))
-        moves = np.diff(x, prepend=x[0])
-        moves[self.torn] = 0
-        joined = x[0] + np.cumsum(moves)
-        return joined if int(np.abs(joined).max()) <= INDEX_LIMIT else x
+def places_in(coverage: Sequence[Span]) -> tuple[slice | Indices, NDArray[np.bool_]]:
+    """The samples of a channel that are looked at, and which of them follow a gap or the end of a
+    piece."""
+    ends = np.cumsum([span.ticks for span in coverage])
+    total = int(ends[-1])
+    if total <= LOOKED_AT:
+        torn = np.zeros(total, np.bool_)
+        torn[ends[:-1]] = True
+        return slice(None), torn
+    size = LOOKED_AT // PIECES
+    starts = [(total * (2 * k + 1) - LOOKED_AT) // (2 * PIECES) for k in range(PIECES)]
+    places = np.concatenate([start + np.arange(size) for start in starts])
+    return places, (np.diff(places, prepend=-2) != 1) | np.isin(places, ends)
 
 
-def find_links(stretches: Sequence[Indices], settled: NDArray[np.bool_]) -> Links:
+def find_links(rows: Indices, torn: NDArray[np.bool_]) -> Links:
     """Empty tuples all, where too little would be saved."""
-    size = int(np.count_nonzero(settled))
-    nothing: Links = [()] * len(stretches)
-    if size < SETTLING:
-        return nothing
-    predictors = [quick_predictor(x) for x in stretches]
-    errors = [
-        prediction_errors(x, p.difference, p.coefficients or [], p.base)[settled]
-        for x, p in zip(stretches, predictors, strict=True)
-    ]
-    bits = sum(size * log2(1 + 5.4 * float(np.abs(e).mean())) for e in errors)
-    likely, most = likely_sources(np.stack([scaled(e, scales_of(e)) for e in errors]))
-    if ROOM * most < HOPED * bits:
-        return nothing
-    links: Links = []
-    saved = 0.0
-    for place, sources in enumerate(likely):
-        used: tuple[int, ...] = ()
-        gain = 0.0
-        if sources:
-            left = moments(stretches[place], predictors[place], stretches, sources, settled)
-            used, gain = choose_sources(left, sources, size)
-        links.append(used)
-        saved += gain
-    return links if saved > HOPED * bits else nothing
+    count, size = rows.shape
+    at = np.arange(size)
+    since = at - np.maximum.accumulate(np.where(torn, at, 0))
+    settled = (since >= SETTLING) & ~np.append(torn[1:], True)
+    used = int(np.count_nonzero(settled))
+    links: Links = [()] * count
+    if used < SETTLING:
+        return links
+    enough, factor = max(LIKELY, CHANCE / used), 2.0 ** (2 * max(8 * REFERENCE_SIZE / used, WORTH))
+    chosen: list[tuple[tuple[int, ...], float, float]] = []
+    if compiled is not None:
+        found, energies = np.zeros((count, REFERENCE_LIMIT + 1), np.int64), np.zeros((count, 2))
+        totals = np.zeros(count, np.int64)
+        compiled.find_links(
+            np.ascontiguousarray(rows), torn.astype(np.uint8), TABLE, LIMITS, enough, factor,
+            found, energies, totals,
+        )  # fmt: skip
+        sums = totals.tolist()
+        for (number, *sources), (before, after) in zip(
+            found.tolist(), energies.tolist(), strict=True
+        ):
+            chosen.append((tuple(sources[:number]), before, after))
+    else:
+        looked, sums = [], []
+        for y in np.diff(rows, prepend=rows[:, :1], axis=1):
+            y[torn] = 0
+            c = step_up(predictor_of(y, FIRST_ORDERS)) or []
+            errors = prediction_errors(y, 0, c, 0)[settled]
+            looked.append(scaled(errors, shifts_of(errors)))
+            sums.append(int(np.abs(errors).sum()))
+        chosen = [choose_sources(looked, place, enough, factor) for place in range(count)]
+    bits = sum(used * log2(1 + 5.4 * total / used) for total in sums)
+    saved = sum(used / 2 * log2(before / after) for _, before, after in chosen)
+    return [sources for sources, _, _ in chosen] if saved > SAVED * bits else links
 
 
-def encode_referring(
-    indices: Indices, alone: bytes, earlier: Sequence[Indices], links: tuple[int, ...]
-) -> bytes:
-    """The smallest found of the component packets with references, and ``alone``."""
-    predictor, constant, _ = parse_header(alone, 0)
-    if constant or not links:
-        return alone
-
-    def packet_of(found: Predictor) -> bytes:
-        try:
-            return encode_component(indices, found, earlier) if found.references else alone
-        except ValueError:
-            return alone
-
-    first = refer(indices, predictor, earlier, links)
-    ways = [first, *(refit(indices, first, d, earlier, links) for d in DIFFERENCES)]
-    best, predictor = min(((packet_of(way), way) for way in ways), key=lambda each: len(each[0]))
-    # Higher differences have no coefficients (LPC-004).
-    for _ in range(ROUNDS if predictor.difference in DIFFERENCES else 0):
-        found = refit(indices, predictor, predictor.difference, earlier, links)
-        packet = packet_of(found)
-        if len(packet) >= len(best):
-            break
-        best, predictor = packet, found
-    return min(alone, best, key=len)
-
-
-def refer(
-    indices: Indices, predictor: Predictor, earlier: Sequence[Indices], links: tuple[int, ...]
-) -> Predictor:
-    """With the references that go with it, and a base that goes with them."""
-    references = fit(indices, predictor, earlier, links)
-    base = predictor.base
-    if not predictor.difference:
-        # What references add is counted from their first indices, not from their means.
-        size = indices.size
-        far = [int(earlier[a].sum()) - size * int(earlier[a][0]) for a, _ in references]
-        base -= rdiv(sum(sum(w) * n for (_, w), n in zip(references, far, strict=True)), 64 * size)
-        extent = max(-int(indices.min()), int(indices.max()))
-        base = clamp(base, -extent, extent)
-    return replace(predictor, base=base, references=references)
-
-
-def refit(
-    indices: Indices,
-    predictor: Predictor,
-    difference: int,
-    earlier: Sequence[Indices],
-    links: tuple[int, ...],
-) -> Predictor:
-    """The predictor of what the references leave, and new references. Errors of predictors are
-    linear: those of index and references are the errors of 64 * index - sum of w * index."""
-    left = 64 * (indices - indices[0])
-    for a, weights in predictor.references:
-        around = np.concatenate(([0], earlier[a] - earlier[a][0], [0]))
-        for tap, weight in zip(TAPS, weights, strict=True):
-            left -= weight * around[1 + tap : 1 + tap + left.size]
-    if int(np.abs(left).max()) > INDEX_LIMIT:
-        return predictor
-    start = int(left[0]) if difference else rdiv(int(left.sum()), left.size)
-    found, _ = linear_predictor(left, difference, start)
-    if found.coefficients is None:
-        return predictor
-    base = int(indices[0]) if difference else rdiv(int(indices.sum()), indices.size)
-    found = replace(
-        predictor, difference=difference, reflections=found.reflections, base=base, references=()
-    )
-    return refer(indices, found, earlier, links)
+def encode_referring(rows: Indices, place: int, links: tuple[int, ...], effort: Effort) -> bytes:
+    """The component packet of a row, with references if these save their bits."""
+    indices = rows[place]
+    if not links or indices.size < 2 or (indices == indices[0]).all():
+        return encode_best(indices, effort)
+    found = fit(rows, place, links)
+    around = zip(found.weights[::3], found.weights[1::3], found.weights[2::3], strict=True)
+    references = tuple(Reference(a, w) for a, w in zip(links, around, strict=True) if any(w))
+    saved = (found.without - found.bits) * indices.size // found.used
+    own = 256 * 8 * (1 + REFERENCE_SIZE * len(references))
+    if references and saved > own + PAYS * found.without * indices.size / found.used:
+        marks = np.count_nonzero(indices[1:] == indices[:-1]) * REPEATED > indices.size
+        predictor = Predictor(1, found.reflections, int(indices[0]), bool(marks), references)
+        with suppress(ValueError):
+            return encode_indices(indices, predictor, found.cross)
+    return encode_best(indices, effort)
 
 
 def encode_run(
@@ -419,31 +378,26 @@ def encode_run(
     error: int,
     spans: Sequence[Span],
     links: Links,
-    apart: Sequence[Unit],
+    effort: Effort,
 ) -> Unit | None:
-    """One track of several components, which alone are the units ``apart``; None where they have
-    no common range of counts."""
-    counts = np.column_stack([channel.stored.astype(np.int64) for channel in channels])
-    low, high = declared_range(counts)
+    """One track of several components; None where they have no common range of counts."""
+    ends = [end for c in channels for end in (c.stored.min(), c.stored.max())]
+    low, high = declared_range(np.array(ends, np.int64))
     if not all(c.calibration and c.calibration.covers(low, high) for c in channels):
         return None
-    source = InputBlock(tuple(channels), counts, tuple(spans))
     grid = LpcParameters(step=2 * error + 1)
     base = make_track(channels, first_channel, codec="LPCR", count_min=low, count_max=high)
     coded = Coded(replace(base, parameters=grid.build()))
     sizes = [0] * len(channels)
-    for span, rows in source.pieces(source.counts):
-        columns = [
-            np.ascontiguousarray(nearest_uniform(rows[:, place], grid))
-            for place in range(len(channels))
-        ]
+    at = 0
+    for span in spans:
+        check_stopped()
+        counts = [channel.stored[at : at + span.ticks].astype(np.int64) for channel in channels]
+        rows = np.stack([nearest_uniform(row, grid) for row in counts])
+        at += span.ticks
+        release()
         packets = [
-            encode_referring(
-                indices, packet_alone(unit, grid, span, indices), columns[:place], sources
-            )
-            for place, (indices, unit, sources) in enumerate(
-                zip(columns, apart, links, strict=True)
-            )
+            encode_referring(rows, place, sources, effort) for place, sources in enumerate(links)
         ]
         sizes = [size + len(packet) for size, packet in zip(sizes, packets, strict=True)]
         coded.packets.append(Packet(0, span.start, span.ticks, join_components(packets)))
@@ -467,16 +421,6 @@ def encode_run(
 def told(sources: tuple[int, ...], first_channel: int) -> str:
     numbers = ", ".join(str(first_channel + a) for a in sources)
     return f", from {numbers}" if numbers else ""
-
-
-def packet_alone(unit: Unit, grid: LpcParameters, span: Span, indices: Indices) -> bytes:
-    """Without references: as the unit has it, where that has this grid and is cut in this way."""
-    track = unit.base.track
-    if track.codec == "LPCR" and track.parameters == grid.build() and not unit.grid:
-        for packet in unit.base.packets:
-            if (packet.start, packet.span) == (span.start, span.ticks):
-                return packet.data
-    return encode_best(indices)
 
 
 def step_of(members: Sequence[Channel], promise: Promise, settings: Settings) -> int | None:

@@ -495,7 +495,7 @@ class Settings:
         has, from ten on; and never few ticks."""
         if self.cluster is not None:
             return self.cluster
-        fastest = max((channel.rate_exact for channel in recording.channels), default=Fraction(1))
+        fastest = fastest_of(recording)
         longest = min(Fraction(ceil((LONG_FAST if self.fast else LONG) / fastest)), LONGEST_CLUSTER)
         seconds = longest if self.fast else max(ARCHIVE_CLUSTER, longest)
         return max(seconds, Fraction(ceil(LEAST_TICKS / fastest)))
@@ -519,6 +519,12 @@ class Settings:
             "--no-references": not self.references,
         }
         return " ".join([self.preset, *departs, *(flag for flag, on in flags.items() if on)])
+
+
+def fastest_of(recording: Recording) -> Fraction:
+    """The highest rate, 1 without channels; equal fractions are not compared."""
+    rates = {channel.rate_exact.as_integer_ratio() for channel in recording.channels}
+    return max((Fraction(*rate) for rate in rates), default=Fraction(1))
 
 
 def made_with(settings: Settings) -> str:

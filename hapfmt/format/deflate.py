@@ -6,6 +6,7 @@ import zlib
 from bisect import bisect_right
 
 from ..errors import FormatError
+from ..kernels import compiled
 
 SHORTEST, LONGEST, WINDOW = 3, 258, 1 << 15
 TRIES = 32
@@ -64,6 +65,8 @@ WORDS = [word(symbol) for symbol in range(286)]
 
 def deflate(data: bytes) -> bytes:
     """One block with fixed codes, without zlib, of which each version writes other bytes."""
+    if compiled is not None:
+        return compiled.deflate(data)
     hold, held = 0b011, 3  # the last block, with fixed codes
     out = bytearray()
     seen: dict[bytes, list[int]] = {}

@@ -153,7 +153,7 @@ FOOT = Layout(
     Field(
         "index_distance",
         "u32",
-        "offset of this chunk minus that of the last iNDX chunk before it; 0: the file has no iNDX",
+        "offset of this chunk minus that of the last iNDX chunk before it; 0: none",
     ),
     Field("duration_ns", "u64", "end of the latest packet, rounded up"),
 )

@@ -498,7 +498,10 @@ def open_source(
     A pipe is spooled first; a URL too, where ``spool`` says so: copied whole into memory or a
     temporary file. ``mapped``: the file of this path as a mapping (see MappedSource).
     """
-    if isinstance(file, ByteSource):
+    if isinstance(file, LocalSource):
+        return cast(ByteSource, file)
+    if not isinstance(file, (str, bytes)) and isinstance(file, ByteSource):
+        # Slow: it looks for each name of the protocol.
         return file
     if isinstance(file, str) and is_url(file):
         if mapped:

@@ -11,6 +11,7 @@ import struct
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import NamedTuple, TypeVar
 
 from ..errors import FormatError, ParameterError, TruncatedError, UnsupportedError
@@ -113,6 +114,12 @@ class Track:
     """TLVs that this reader does not know, by type."""
     offset: int = 0
     """Offset of the TRAK payload in the file."""
+
+    def numbered(self, id_: int, base: int | None) -> Track:
+        """The same with this id, and that of its base: dataclasses.replace() takes longer."""
+        track = object.__new__(Track)
+        vars(track).update(vars(self), id=id_, base=base)
+        return track
 
     @property
     def channels(self) -> Sequence[int]:
@@ -218,6 +225,8 @@ class TrackTable:
         self.tracks: dict[int, Track] = {}
         self.payloads: dict[int, bytes] = {}
         self.bases: set[int] = set()
+        self.changes = 0
+        """How often tracks were added."""
         self.forget()
 
     def forget(self) -> None:
@@ -253,6 +262,7 @@ class TrackTable:
             if track.kind == "hf" and track.base is not None:
                 self.bases.add(track.base)
             self.tracks[track.id] = track
+        self.changes += 1
 
     def check(self, track: Track) -> None:
         """TRK-007, 010 and 016: what must hold between a new track and those before it."""
@@ -278,6 +288,9 @@ class TrackTable:
         """
         chains = []
         for alike in self.of_one_channel():
+            if len(alike) == 1:
+                chains.append(alike)
+                continue
             first, *others = sorted(alike, key=lambda track: track.unsupported is not None)
             chain = [first]
             chain += [track for track in others if track.fits(first) or first.fits(track)]
@@ -470,6 +483,7 @@ STRINGS = {
     BODY_SITE: "body_site",
     DEVICE: "device",
 }
+UNDESCRIBED = {name: getattr(Component, name) for name in STRINGS.values()}
 INHERITED = frozenset(STRINGS) | {CALIBRATIONS, DEVIATIONS}
 KNOWN = INHERITED | {PARAMETERS, CHANNELS, CONTRACT, PROVENANCE}
 CHUNK_SIZE = 1 << 16
@@ -541,9 +555,10 @@ def build_track(track: Track) -> bytes:
             values[CALIBRATIONS] = b"".join(
                 build_svarint(a) + build_svarint(b) + build_varint(d) for a, b, d in calibrations
             )
+        described = [vars(component) for component in track.components]
         for type_, name in STRINGS.items():
-            items = [getattr(component, name) for component in track.components]
-            if any(item != getattr(Component, name) for item in items):
+            items = [each[name] for each in described]
+            if items.count(UNDESCRIBED[name]) < len(items):
                 values[type_] = build_strings(items)
         deviations = share([component.deviation for component in track.components])
         if any(deviations):
@@ -680,6 +695,11 @@ def parse_tracks(
         yield track
 
 
+@lru_cache(maxsize=64)
+def fraction(numerator: int, denominator: int) -> Fraction:
+    return Fraction(numerator, denominator)
+
+
 def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) -> Track:
     """The track at offset ``at``, from its fields and TLVs."""
     kind = KINDS[raw.kind] if raw.kind < len(KINDS) else f"kind {raw.kind}"
@@ -698,11 +718,13 @@ def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) ->
     except FormatError:
         if unsupported is None:
             raise
-    return Track(
+    # Each attribute of a frozen dataclass costs a call where its constructor sets it.
+    track = object.__new__(Track)
+    track.__dict__.update(
         id=id_,
         kind=kind,
         codec=raw.codec.decode("latin-1"),
-        rate=Fraction(raw.rate_num, raw.rate_den),
+        rate=fraction(raw.rate_num, raw.rate_den),
         first_channel=raw.first_channel,
         components=described.components,
         parameters=tlvs.get(PARAMETERS, (0, b""))[1],
@@ -715,9 +737,10 @@ def parse_track(raw: TrackFields, tlvs: Tlvs, id_: int, at: int, offset: int) ->
         provenance=described.provenance,
         further=further_of(raw, tlvs, kind, at, supported=unsupported is None),
         unsupported=unsupported,
-        unknown=tuple((type_, value) for type_, (_, value) in tlvs.items() if type_ not in KNOWN),
+        unknown=tuple([(type_, value) for type_, (_, value) in tlvs.items() if type_ not in KNOWN]),
         offset=offset,
     )
+    return track
 
 
 def further_of(
@@ -860,9 +883,10 @@ def parse_components(tlvs: Tlvs, count: int) -> Iterator[Component]:
         offset, value = tlvs[DEVIATIONS]
         deviations = spread(parse_deviations(value, offset), count, offset)
     strings = {
-        name: parse_strings(tlvs[type_][1], count, tlvs[type_][0]) if type_ in tlvs else None
+        name: parse_strings(tlvs[type_][1], count, tlvs[type_][0])
         for type_, name in STRINGS.items()
+        if type_ in tlvs
     }
     for i in range(count):
-        named = {name: items[i] for name, items in strings.items() if items}
+        named = {name: items[i] for name, items in strings.items()}
         yield Component(calibrations[i], deviation=deviations[i], **named)

@@ -124,7 +124,7 @@ def spread(items: Sequence[T], count: int, offset: int) -> tuple[T, ...]:
 
 def share(items: Sequence[T]) -> Sequence[T]:
     """The shortest list that means the same."""
-    return items[:1] if all(item == items[0] for item in items) else items
+    return items[:1] if len(items) == 1 or all(item == items[0] for item in items) else items
 
 
 HEADER_SIZE = CHUNK_HEADER.size
@@ -226,7 +226,8 @@ def parse_header(data: bytes, offset: int) -> ChunkHeader:
         raise ChecksumError("chunk header CRC differs", requirement="CHK-002", offset=offset)
     if not (raw.type.isascii() and raw.type.isalpha()):
         raise FormatError("chunk type is not four letters", requirement="CHK-002", offset=offset)
-    LEVELS[2].check("payload_size", raw.payload_size, "LIM-001", offset)
+    if raw.payload_size > LEVELS[2].payload_size:
+        LEVELS[2].check("payload_size", raw.payload_size, "LIM-001", offset)
     return ChunkHeader(
         raw.type.decode("ascii"),
         raw.file_id,

@@ -4,11 +4,12 @@ The twins run if the environment has ``HAPFMT_PURE=1``, or if a C source is newe
 This module declares the types of the C functions. Each .c file has the functions of one codec or
 search, and names its twin. Those of codecs/ are lpcr, knots, knots_coded, huffman (QUAN), exact
 (LPCX), transform (MDCT), noise (NOIS) and levels (grids). Those of encoder/ are select, tube,
-sweep, links, quick, trellis and vectors.
+sweep, links, quick, lattice, trellis and vectors.
 That of split.py is sections.
 Shared headers: coder.h, integers.h, coded.h and flags.h implement SPEC 9.4, each on top of the one
 before.
-lpcr.h implements 9.5, search.h its predictors, lines.h the counts between knots.
+lpcr.h implements 9.5, components.h its packets, search.h its predictors, lines.h the counts
+between knots.
 """
 
 from __future__ import annotations
@@ -43,6 +44,28 @@ class CompiledLoop(Protocol):
         indices: Buffer,
         /,
     ) -> tuple[int, int]: ...
+
+
+class PacketDecode(Protocol):
+    """(packet, components, largest index, step, zero, magnitudes of a deadband's grid int64 or
+    none, least and largest count, sines int32 [128], counts int32 [components, ticks]) -> 0 where
+    it breaks a rule, 1 where all counts lie within the range, 2 where some were moved into it; the
+    last argument is filled."""
+
+    def __call__(
+        self,
+        packet: Buffer,
+        components: int,
+        limit: int,
+        step: int,
+        zero: int,
+        levels: Buffer,
+        low: int,
+        high: int,
+        sines: Buffer,
+        counts: Buffer,
+        /,
+    ) -> int: ...
 
 
 class FewestHold(Protocol):
@@ -266,8 +289,8 @@ class Trellis(Protocol):
 
 
 class EncodePacket(Protocol):
-    """(indices int64, sines int32 [128], limits float64 [127], highest order, one part of so many
-    is looked at, sums as bits, whether other orders are tried, packets written) -> the packet.
+    """(indices int64, sines int32 [128], limits float64 [127], highest order, parts of which
+    one is looked at, sums as bits, whether other orders are tried, packets written) -> the packet.
     ValueError where it cannot be coded. encoder/predict.py says more."""
 
     def __call__(
@@ -282,6 +305,46 @@ class EncodePacket(Protocol):
         written: int,
         /,
     ) -> bytes: ...
+
+
+class FindLinks(Protocol):
+    """(rows int64 [count, samples], torn uint8 [samples], sines int32 [128], limits float64 [127],
+    least score, factor, found int64 [count, 9], energies float64 [count, 2], totals int64 [count])
+    -> samples used; the last three are filled. encoder/references.py says more."""
+
+    def __call__(
+        self,
+        rows: Buffer,
+        torn: Buffer,
+        sines: Buffer,
+        limits: Buffer,
+        enough: float,
+        factor: float,
+        found: Buffer,
+        energies: Buffer,
+        totals: Buffer,
+        /,
+    ) -> int: ...
+
+
+class Refer(Protocol):
+    """(rows int64 [any, samples], target, sources bytes, sines int32 [128], limits float64 [127],
+    reflections int8 [32], weights int8 [sources, 3], cross int64 [samples]) -> (order, 256 times
+    the bits without sources, and with them, samples that these are of); the last three are
+    filled."""
+
+    def __call__(
+        self,
+        rows: Buffer,
+        target: int,
+        sources: bytes,
+        sines: Buffer,
+        limits: Buffer,
+        reflections: Buffer,
+        weights: Buffer,
+        cross: Buffer,
+        /,
+    ) -> tuple[int, int, int, int]: ...
 
 
 class BuildVarints(Protocol):
@@ -324,6 +387,8 @@ class Kernels(Protocol):
     @property
     def lpcr_decode(self) -> CompiledLoop: ...
     @property
+    def lpcr_packet(self) -> PacketDecode: ...
+    @property
     def lpcr_encode(self) -> CompiledLoop: ...
 
     def lpcr_errors(
@@ -359,6 +424,16 @@ class Kernels(Protocol):
     def exact_decode(self) -> CorrectionLoop: ...
     @property
     def exact_encode(self) -> CorrectionLoop: ...
+    def exact_packet(
+        self,
+        rest: Buffer,
+        parameters: Buffer,
+        calibrations: Buffer,
+        counts: Buffer,
+        values: Buffer,
+        /,
+    ) -> bool: ...
+
     @property
     def coded_knots_decode(self) -> CodedKnotsDecode: ...
     @property
@@ -372,7 +447,21 @@ class Kernels(Protocol):
     @property
     def encode_packet(self) -> EncodePacket: ...
     @property
+    def find_links(self) -> FindLinks: ...
+    @property
+    def refer(self) -> Refer: ...
+    @property
     def noise_decode(self) -> NoiseDecode: ...
+
+    def nearest_within(
+        self, a: int, b: int, d: int, allowed: float, x: Buffer, counts: Buffer, /
+    ) -> tuple[int, float, bool]: ...
+
+    def common_divisor(
+        self, least: Buffer, most: Buffer, floor: float, /
+    ) -> tuple[float, float] | None: ...
+
+    def double_facts(self, x: Buffer, /) -> tuple[bool, bool, float, float, float]: ...
 
     def filter_sections(self, sections: Buffer, state: Buffer, x: Buffer, /) -> None: ...
 
@@ -383,6 +472,10 @@ class Kernels(Protocol):
     def find_cuts(
         self, indices: Buffer, sines: Buffer, limits: Buffer, starts: Buffer, /
     ) -> int: ...
+
+    def deflate(self, data: Buffer, /) -> bytes: ...
+
+    def piece_bits(self, numbers: Buffer, pieces: int, /) -> float: ...
 
     def polynomial_bits(self, indices: Buffer, /) -> float: ...
 

@@ -8,7 +8,7 @@
 #include "search.h"
 
 enum { PART = 64, FRONT = 40, COSTED = 32, POLYNOMIALS = 5, SETS = 4, WAYS = 24, TOGETHER = 12 };
-enum { COEFFICIENT_COST = 8, REPEAT_SHARE = 50, BIT = 256 };
+enum { COEFFICIENT_COST = 8, REPEAT_SHARE = 50, BIT = 256, QUIET_BITS = 141 };
 
 /* What is searched. ``sets``: sums of first differences where quiet and loud parts count alike, and plain
    ones; the same of the samples, as bits. One part of ``stride`` is estimated. ``other``: more orders.
@@ -63,7 +63,7 @@ INLINE void add_products(const double *now, int64_t n, int lags, double *sums)
 
 INLINE double size_of(double v) { return v < 0 ? -v : v; }
 
-/* Of magnitudes that are whole numbers. */
+/* The sum of magnitudes that are whole numbers. */
 INLINE double sum_of(const double *e, int64_t n)
 {
     double s[4] = {0};
@@ -291,10 +291,12 @@ INLINE int rank_ways(search *s, const int32_t *sines, const double *limits, way 
         measure_ways(s, ways + from, count - from);
     }
     for (int g = 0; g < POLYNOMIALS; g++) polynomial_way(ways + count++, g, s->polynomials[g]);
+    best = least_of(ways, count);
+    int quiet = best >= 0 && ways[best].bits < QUIET_BITS * s->seen;
     for (int k = 0; k < count; k++) {
         way w = ways[k];
         int at = kept;
-        if (w.bits < 0) continue;
+        if (w.bits < 0 || (quiet && w.order)) continue;
         w.bits = w.bits * s->count / s->seen + 8 * BIT * w.order;
         for (; at && ways[at - 1].bits > w.bits; at--) ways[at] = ways[at - 1];
         ways[at] = w;
@@ -330,19 +332,16 @@ INLINE void errors_as(const search *s, const way *w, int64_t *errors)
 
 static void errors_plain(const search *s, const way *w, int64_t *errors) { errors_as(s, w, errors); }
 
-/* The same loops with wider registers. */
-#if defined(__GNUC__) && defined(__x86_64__) && !defined(HAPFMT_PLAIN)
-#define WIDE(result) __attribute__((target("avx2"))) static result
-WIDE(int) rank_wide(search *s, const int32_t *sines, const double *limits, way *ways)
+/* The same loops with wider registers; BEST: of the two. */
+#ifdef WIDE
+#define BEST(name) (wide() ? name##_wide : name##_plain)
+WIDE static int rank_wide(search *s, const int32_t *sines, const double *limits, way *ways)
 {
     return rank_ways(s, sines, limits, ways);
 }
-WIDE(void) errors_wide(const search *s, const way *w, int64_t *errors) { errors_as(s, w, errors); }
-static int is_wide(void) { return __builtin_cpu_supports("avx2"); }
+WIDE static void errors_wide(const search *s, const way *w, int64_t *errors) { errors_as(s, w, errors); }
 #else
-#define rank_wide rank_plain
-#define errors_wide errors_plain
-static int is_wide(void) { return 0; }
+#define BEST(name) name##_plain
 #endif
 
 /* ---- where packets are cut ---- */
@@ -388,9 +387,7 @@ INLINE void sum_pieces(const int64_t *indices, cutting *c)
 static void sum_pieces_plain(const int64_t *indices, cutting *c) { sum_pieces(indices, c); }
 
 #ifdef WIDE
-WIDE(void) sum_pieces_wide(const int64_t *indices, cutting *c) { sum_pieces(indices, c); }
-#else
-#define sum_pieces_wide sum_pieces_plain
+WIDE static void sum_pieces_wide(const int64_t *indices, cutting *c) { sum_pieces(indices, c); }
 #endif
 
 /* Bits of one packet of these pieces; *energy: that of its errors. */
@@ -448,8 +445,7 @@ static int find_cuts(const int64_t *indices, int64_t count, const int32_t *sines
         left[k] = k;
     }
     left[c.pieces + 1] = c.pieces;
-    if (is_wide()) sum_pieces_wide(indices, &c);
-    else sum_pieces_plain(indices, &c);
+    BEST(sum_pieces)(indices, &c);
     for (int k = 0; k < c.pieces; k++) {
         c.weights[k] = 1;
         costs[k] = bits_together(&c, k, k + 1, sines, limits, &energy);
@@ -483,8 +479,7 @@ static int exact_errors(const search *s, const way *w, int64_t *errors)
     double sum = 0;
     for (int j = 0; j < w->width; j++) sum += size_of(w->taps[j]);
     if (sum * s->largest[w->difference > 0] >= 274877906944.0) return 0;
-    if (is_wide()) errors_wide(s, w, errors);
-    else errors_plain(s, w, errors);
+    BEST(errors)(s, w, errors);
     return 1;
 }
 

@@ -117,6 +117,7 @@ enum { LENGTHS = 64 };
 typedef struct {
     int first, count;
     share shares[LENGTHS];
+    uint8_t coarse[1 << COARSE_BITS];
 } length_table;
 
 static inline void share_lengths(const uint8_t *weights, int count, share *shares)
@@ -142,12 +143,20 @@ static inline int64_t take_lengths(const uint8_t *in, int64_t size, length_table
     for (int i = 0; i < t->count; i++) some |= in[2 + i];
     if (!some) return 0;
     share_lengths(in + 2, t->count, t->shares);
+    for (int i = 0, k = 0; i < 1 << COARSE_BITS; i++) {
+        while (k + 1 < t->count && i << FINE_BITS >= t->shares[k + 1].first) k++;
+        t->coarse[i] = (uint8_t)k;
+    }
     return 2 + t->count;
 }
 
 static inline int get_length(decoder *d, const length_table *t, int lane, int64_t *out)
 {
-    int length = t->first + get_symbol(d, lane, t->shares, t->count);
+    uint32_t slot = d->x[lane] & (SCALE - 1);
+    int k = t->coarse[slot >> FINE_BITS], length;
+    while (RARE(slot - t->shares[k].first >= t->shares[k].width)) k++;
+    d->x[lane] = advance(d->x[lane], t->shares[k], &d->next);
+    length = t->first + k;
     uint64_t size = 0;
     *out = 0;
     if (length) {

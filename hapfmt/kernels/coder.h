@@ -16,12 +16,20 @@
 #define VECTORS 1
 #endif
 
+/* WIDE: of functions with vectors of 256 bits, where wide() says that the processor has them. */
+#if defined(__GNUC__) && defined(__x86_64__) && !defined(HAPFMT_PLAIN)
+#define WIDE __attribute__((target("avx2")))
+static inline int wide(void) { return __builtin_cpu_supports("avx2"); }
+#endif
+
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
 #define RARE(x) __builtin_expect(!!(x), 0)
+#define UNROLL _Pragma("GCC unroll 8")
 #else
 #define INLINE static inline
 #define RARE(x) (x)
+#define UNROLL
 #endif
 
 enum { SYMBOLS = 16, ESCAPE = 15, CONTEXTS = 36, CLASSES = 16, BLOCK = 8, ERROR_BITS = 34 };
@@ -32,9 +40,13 @@ static const uint32_t LEAST_STATE = 1 << 16;
 /* A symbol's part of the 4096: its first, and how many. */
 typedef struct { uint16_t first, width; } share;
 
+/* By the highest bits of a slot: the symbol of the first slot that has them. */
+enum { COARSE_BITS = 9, FINE_BITS = SCALE_BITS - COARSE_BITS };
+
 typedef struct {
     share shares[CONTEXTS][SYMBOLS];
-    int16_t ends[CONTEXTS][SYMBOLS];   /* the last of each, of the last symbol more than any */
+    share coarse[CONTEXTS][1 << COARSE_BITS];
+    uint8_t symbols[CONTEXTS][1 << COARSE_BITS];
     uint16_t costs[CONTEXTS][SYMBOLS]; /* 256 times the bits */
 } class_table;
 
@@ -122,15 +134,6 @@ INLINE int get_bit(decoder *d, int lane, int p)
     return bit;
 }
 
-/* One of ``count`` symbols. */
-INLINE int get_symbol(decoder *d, int lane, const share *shares, int count)
-{
-    int slot = (int)(d->x[lane] & (SCALE - 1)), symbol = 0;
-    while (symbol + 1 < count && slot >= shares[symbol + 1].first) symbol++;
-    d->x[lane] = advance(d->x[lane], shares[symbol], &d->next);
-    return symbol;
-}
-
 /* The next raw bits, 57 and more. */
 INLINE uint64_t raw_word(const uint8_t *end, int64_t raw)
 {
@@ -193,8 +196,18 @@ INLINE void put_some(encoder *e, uint64_t value, int bits)
 {
     e->tail |= (value & (((uint64_t)1 << bits) - 1)) << e->tail_bits;
     e->tail_bits += bits;
-    if (e->tail_bits >= 32)
-        for (int i = 0; i < 4; i++) put_back(e);
+    if (e->tail_bits < 32) return;
+#if defined(__GNUC__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+    if (e->back + 4 <= e->size) {
+        uint32_t four = __builtin_bswap32((uint32_t)e->tail);
+        e->back += 4;
+        memcpy(e->out + e->size - e->back, &four, 4);
+        e->tail >>= 32;
+        e->tail_bits -= 32;
+        return;
+    }
+#endif
+    for (int i = 0; i < 4; i++) put_back(e);
 }
 
 INLINE void put_raw(encoder *e, uint64_t value, int bits)
@@ -207,13 +220,17 @@ INLINE void put_raw(encoder *e, uint64_t value, int bits)
     put_some(e, value, bits);
 }
 
+/* 2^44 over each width, rounded up. Below 2^20 times the width that is enough for exact quotients: the
+   product is too large by less than the width over 2^24 of 2^44, which is less than 2^44 over the width. */
+extern uint64_t hapfmt_inverses[SCALE + 1];
+
 INLINE uint32_t absorb(uint32_t x, share s, uint16_t **words)
 {
-    if (x >= (uint64_t)s.width << (32 - SCALE_BITS)) {
-        *--*words = (uint16_t)x;
-        x >>= 16;
-    }
-    uint32_t q = x / s.width;
+    int full = x >= (uint64_t)s.width << (32 - SCALE_BITS);
+    (*words)[-1] = (uint16_t)x;
+    *words -= full;
+    x >>= 16 * full;
+    uint32_t q = (uint32_t)(x * hapfmt_inverses[s.width] >> 44);
     return (q << SCALE_BITS) + (x - q * s.width) + s.first;
 }
 

@@ -4,6 +4,9 @@
    remembered as there are samples. */
 #include "kernels.h"
 
+#include <float.h>
+
+#include "bytes.h"
 #include "coded.h"
 
 #if defined(__GNUC__)
@@ -141,6 +144,225 @@ static int decode_corrections(uint8_t *in, int64_t size, const int32_t *ids, int
     free(ranks);
     if (!status) status = check_end(&d);
     *taken = head + front_taken(&d);
+    return status;
+}
+
+/* ---- rules ---- */
+
+/* Products and sums are rounded one by one, in their order: this file is compiled without fused or wider
+   arithmetic. */
+enum { LINEAR_BLOCK = 256, TERMS_MOST = 16, TERM_SIZE = 10, COMPONENTS_MOST = 255 };
+enum { QUOTIENT = 0, PRODUCT = 1, DIGITS = 2, CUBIC = 3, LINEAR = 4 };
+
+typedef struct {
+    int rule, terms, component[TERMS_MOST], lag[TERMS_MOST];
+    double coefficients[4], weights[TERMS_MOST];
+    int64_t affine[3];
+} exact_rule;
+
+static int within_53(int64_t v) { return v >= -((int64_t)1 << 53) && v <= (int64_t)1 << 53; }
+
+static double take_double(const uint8_t *in)
+{
+    uint64_t bits = 0;
+    double v;
+    for (int i = 7; i >= 0; i--) bits = bits << 8 | in[i];
+    memcpy(&v, &bits, sizeof v);
+    return v;
+}
+
+/* The rules of all components; 0 where terms refer to what is not known, or anything is not as Python's
+   parser leaves it. */
+static int take_rules(const uint8_t *in, int64_t size, int count, exact_rule *rules)
+{
+    uint8_t known[COMPONENTS_MOST] = {0};
+    for (int i = 0; i < count; i++) {
+        exact_rule *r = rules + i;
+        if (size < 4) return 0;
+        r->rule = in[0];
+        r->terms = in[2];
+        int numbers = r->rule == CUBIC ? 4 : r->rule == LINEAR;
+        if (r->rule > LINEAR || r->terms > TERMS_MOST || (r->rule == LINEAR) != (r->terms > 0) ||
+            size < 4 + 8 * numbers + TERM_SIZE * r->terms)
+            return 0;
+        in += 4;
+        for (int k = 0; k < numbers; k++, in += 8) r->coefficients[k] = take_double(in);
+        for (int k = 0; k < r->terms; k++, in += TERM_SIZE) {
+            r->component[k] = in[0];
+            r->lag[k] = in[1];
+            r->weights[k] = take_double(in + 2);
+        }
+        size -= 4 + 8 * numbers + TERM_SIZE * r->terms;
+        known[i] = r->rule != LINEAR;
+    }
+    for (int i = 0; i < count; i++) {
+        for (int k = 0; k < rules[i].terms; k++) {
+            int a = rules[i].component[k];
+            if (a >= count || (!known[a] && (a != i || !rules[i].lag[k]))) return 0;
+        }
+        known[i] = 1;
+    }
+    return size == 0;
+}
+
+static int64_t place_of(double v)
+{
+    int64_t bits;
+    memcpy(&bits, &v, sizeof bits);
+    return bits < 0 ? ~(bits & INT64_MAX) : bits;
+}
+
+static double double_at(uint64_t place)
+{
+    uint64_t bits = place >> 63 ? ~place | (uint64_t)1 << 63 : place;
+    double v;
+    memcpy(&v, &bits, sizeof v);
+    return v;
+}
+
+INLINE double quotient_of(const int64_t *affine, int32_t count)
+{
+    return (double)(int64_t)((uint64_t)count * (uint64_t)affine[0] + (uint64_t)affine[1]) / (double)affine[2];
+}
+
+/* ``out`` [span], which terms may look back into; ``all``: the exact values of all components. */
+static void put_linear(const exact_rule *r, int own, const int32_t *counts, int64_t span, const double *all,
+                       const int64_t *moves, double *out)
+{
+    int64_t reach = 0;
+    int early = 0; /* how many of the first terms do not look back into this component */
+    for (int k = 0; k < r->terms; k++)
+        if (r->lag[k] > reach) reach = r->lag[k];
+    while (early < r->terms && r->component[early] != own) early++;
+    const double *later[TERMS_MOST];
+    double weights[TERMS_MOST];
+    int rest = r->terms - early;
+    for (int k = 0; k < rest; k++) {
+        later[k] = all + r->component[early + k] * span - r->lag[early + k];
+        weights[k] = r->weights[early + k];
+    }
+    for (int64_t from = 0; from < span; from += LINEAR_BLOCK) {
+        int64_t stop = span - from < LINEAR_BLOCK ? span : from + LINEAR_BLOCK;
+        int64_t begin = reach < from ? from : reach > stop ? stop : reach;
+        double sums[LINEAR_BLOCK];
+        for (int64_t t = from; t < begin; t++) sums[t - from] = quotient_of(r->affine, counts[t]);
+        for (int64_t t = begin; t < stop; t++) sums[t - from] = r->coefficients[0];
+        for (int k = 0; k < early; k++) {
+            const double *x = all + r->component[k] * span + begin - r->lag[k], weight = r->weights[k];
+            double *sum = sums + (begin - from);
+            for (int64_t t = 0; t < stop - begin; t++) sum[t] += weight * x[t];
+        }
+        for (int64_t t = from; t < stop; t++) {
+            double v = sums[t - from];
+            if (t >= begin)
+                for (int k = 0; k < rest; k++) v += weights[k] * later[k][t];
+            v = v - v == 0 ? v + 0.0 : quotient_of(r->affine, counts[t]);
+            out[t] = moves[t] ? double_at((uint64_t)place_of(v) + (uint64_t)moves[t]) : v;
+        }
+    }
+}
+
+static void put_values(const exact_rule *r, const int32_t *counts, int64_t span, const int64_t *moves,
+                       double *out)
+{
+    double step = (double)r->affine[0] / (double)r->affine[2], zero = (double)r->affine[1] / (double)r->affine[2];
+    const double *c = r->coefficients;
+    if (r->rule == QUOTIENT)
+        for (int64_t t = 0; t < span; t++) out[t] = quotient_of(r->affine, counts[t]);
+    else if (r->rule == PRODUCT)
+        for (int64_t t = 0; t < span; t++) out[t] = counts[t] * step + zero;
+    else if (r->rule == CUBIC)
+        for (int64_t t = 0; t < span; t++) {
+            double x = counts[t];
+            out[t] = (((c[3] * x + c[2]) * x + c[1]) * x + c[0]) + 0.0;
+        }
+    for (int64_t t = 0; t < span; t++)
+        if (moves[t]) out[t] = double_at((uint64_t)place_of(out[t]) + (uint64_t)moves[t]);
+}
+
+/* Where a part is decoded. ``slots``: a hash table, the first sample of each count. */
+typedef struct {
+    int64_t *moves, *work;
+    int32_t *ids, *slots;
+    int bits;
+} exact_bench;
+
+/* Samples of one count have one id. */
+static void number_counts(const int32_t *counts, int64_t span, exact_bench *b)
+{
+    uint32_t mask = ((uint32_t)1 << b->bits) - 1;
+    int32_t next = 0;
+    memset(b->slots, 0xFF, ((size_t)1 << b->bits) * sizeof *b->slots);
+    for (int64_t t = 0; t < span; t++) {
+        uint32_t at = ((uint32_t)counts[t] * 2654435769u) >> (32 - b->bits);
+        while (b->slots[at] >= 0 && counts[b->slots[at]] != counts[t]) at = (at + 1) & mask;
+        if (b->slots[at] < 0) {
+            b->slots[at] = (int32_t)t;
+            b->ids[t] = next++;
+        } else
+            b->ids[t] = b->ids[b->slots[at]];
+    }
+}
+
+/* Corrections of a component, from its part of the packet. */
+static int decode_part(const uint8_t *part, int64_t size, const int32_t *counts, int64_t span, exact_bench *b)
+{
+    if (!size) {
+        memset(b->moves, 0, (size_t)span * sizeof *b->moves);
+        return DONE;
+    }
+    if (size < 2 || part[0] & ~(RECALL | FOUR) || part[1] >= LENGTHS) return BAD_CODING;
+    int recall = part[0] & RECALL, shift = part[1];
+    int64_t taken;
+    if (recall) {
+        number_counts(counts, span, b);
+        memset(b->work, 0, (size_t)(2 * span) * sizeof *b->work);
+    }
+    uint8_t *copy = with_margins(part, size);
+    if (!copy) return NO_MEMORY;
+    int status = decode_corrections(copy + MARGIN, size, recall ? b->ids : NULL, b->moves, span, b->work, &taken);
+    free(copy);
+    for (int64_t t = 0; t < span; t++) b->moves[t] = (int64_t)((uint64_t)b->moves[t] << shift);
+    return status;
+}
+
+static int decode_values(const uint8_t *rest, int64_t size, const exact_rule *rules, int count,
+                         const int32_t *counts, int64_t span, double *values)
+{
+    const uint8_t *parts[COMPONENTS_MOST];
+    int64_t sizes[COMPONENTS_MOST] = {0}, sum = 0;
+    int status = DONE;
+    bytes b = {rest, size};
+    if (size) {
+        for (int i = 0; i + 1 < count; i++) {
+            sizes[i] = take_varint(&b);
+            sum += sizes[i];
+        }
+        if (b.size < sum) return BAD_CODING;
+        sizes[count - 1] = b.size - sum;
+        for (int i = 0; i < count; i++) {
+            parts[i] = b.at;
+            b.at += sizes[i];
+        }
+    }
+    exact_bench bench = {NULL, NULL, NULL, NULL, 4};
+    while (bench.bits < 31 && (int64_t)1 << bench.bits < 2 * span) bench.bits++;
+    bench.moves = malloc((size_t)(3 * span) * sizeof *bench.moves);
+    bench.ids = malloc((size_t)span * sizeof *bench.ids + ((size_t)1 << bench.bits) * sizeof *bench.slots);
+    if (!bench.moves || !bench.ids) status = NO_MEMORY;
+    bench.work = bench.moves + span;
+    bench.slots = bench.ids + span;
+    for (int late = 0; late < 2; late++)
+        for (int i = 0; !status && i < count; i++) {
+            if ((rules[i].rule == LINEAR) != late) continue;
+            const int32_t *row = counts + i * span;
+            status = decode_part(size ? parts[i] : rest, sizes[i], row, span, &bench);
+            if (status) break;
+            if (late) put_linear(rules + i, i, row, span, values, bench.moves, values + i * span);
+            else put_values(rules + i, row, span, bench.moves, values + i * span);
+        }
+    free(bench.moves);
+    free(bench.ids);
     return status;
 }
 
@@ -297,7 +519,47 @@ static PyObject *exact_encode(PyObject *self, PyObject *args)
     return run_corrections(args, 0);
 }
 
+/* (exact values of a packet, parameters of LPCX, calibrations int64 [components, 3], counts int32
+   [components, ticks], values float64 [components, ticks]) -> whether all rules are kept. The values are
+   filled; before, those of rule 2 are what the rule gives. */
+static PyObject *exact_packet(PyObject *self, PyObject *args)
+{
+    (void)self;
+    Py_buffer rest, parameters, affines, counts, values;
+    if (!PyArg_ParseTuple(args, "y*y*y*y*w*", &rest, &parameters, &affines, &counts, &values)) return NULL;
+    PyObject *result = NULL;
+    exact_rule rules[COMPONENTS_MOST];
+    Py_ssize_t count = affines.len / 24, span = count ? counts.len / 4 / count : 0;
+    int right = count >= 1 && count <= COMPONENTS_MOST && whole(&affines, 8) && affines.len == 24 * count &&
+                whole(&counts, 4) && span >= 1 && counts.len == 4 * count * span && span <= INT32_MAX &&
+                whole(&values, 8) && values.len == 2 * counts.len &&
+                take_rules(parameters.buf, parameters.len, (int)count, rules);
+    const int64_t *affine = affines.buf;
+    for (Py_ssize_t i = 0; right && i < count; i++) {
+        memcpy(rules[i].affine, affine + 3 * i, sizeof rules[i].affine);
+        right = within_53(rules[i].affine[0]) && within_53(rules[i].affine[1]) && rules[i].affine[2] >= 1 &&
+                within_53(rules[i].affine[2]);
+    }
+    if (!right) PyErr_SetString(PyExc_ValueError, "not the parameters of exact values, or not their arrays");
+    else {
+        int status = BAD_CODING;
+#if FLT_EVAL_METHOD == 0
+        Py_BEGIN_ALLOW_THREADS
+        status = decode_values(rest.buf, rest.len, rules, (int)count, counts.buf, span, values.buf);
+        Py_END_ALLOW_THREADS
+#endif
+        result = status == NO_MEMORY ? PyErr_NoMemory() : PyBool_FromLong(status == DONE);
+    }
+    PyBuffer_Release(&rest);
+    PyBuffer_Release(&parameters);
+    PyBuffer_Release(&affines);
+    PyBuffer_Release(&counts);
+    PyBuffer_Release(&values);
+    return result;
+}
+
 PyMethodDef hapfmt_exact_methods[] = {
+    {"exact_packet", exact_packet, METH_VARARGS, NULL},
     {"exact_decode", exact_decode, METH_VARARGS, NULL},
     {"exact_encode", exact_encode, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},

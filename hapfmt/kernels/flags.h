@@ -25,6 +25,20 @@ typedef struct {
 extern uint16_t hapfmt_costs[SCALE];
 extern models hapfmt_models;
 
+/* What would take the length of a number in bits, which is slow on many processors. */
+typedef struct { uint8_t near[64], loud[1024], shift[(2 << SLOW) + 1]; } flag_tables;
+extern flag_tables hapfmt_flags;
+
+static inline void flag_tables_prepare(flag_tables *f)
+{
+    for (int g = 0; g < 64; g++) {
+        int i = g < 3 ? g : 1 + bit_length((uint64_t)g);
+        f->near[g] = (uint8_t)(i < NEAR ? i : NEAR - 1);
+    }
+    for (int s = 0; s < 1024; s++) f->loud[s] = (uint8_t)bit_length((uint64_t)s);
+    for (int n = 1; n <= 2 << SLOW; n++) f->shift[n] = (uint8_t)(bit_length((uint64_t)n) - 1);
+}
+
 static inline void models_prepare(models *m)
 {
     const model even = {EVEN, 2}, rare = {EVEN / 4, 4};
@@ -40,24 +54,25 @@ static inline void models_prepare(models *m)
 
 INLINE void learn_bit(model *m, int bit, int limit)
 {
-    int n = m->n, t = bit_length((uint64_t)n) - 1, p = m->p;
+    int n = m->n, t = hapfmt_flags.shift[n], p = m->p;
     if (t > limit) t = limit;
     m->n = (uint16_t)(n + (n < 1 << SLOW));
     m->p = (uint16_t)(bit ? p + ((65535 - p) >> t) : p - (p >> t));
 }
 
-INLINE model *near_of(models *m)
+INLINE model *near_at(models *m, uint64_t g)
 {
-    uint64_t g = 2 * m->a + m->b;
-    int i = g < 3 ? (int)g : 1 + bit_length(g);
-    return m->near[i < NEAR ? i : NEAR - 1];
+    return m->near[g < sizeof hapfmt_flags.near ? hapfmt_flags.near[g] : NEAR - 1];
 }
 
-INLINE model *loud_of(models *m)
+INLINE model *loud_at(models *m, int64_t s)
 {
-    int j = bit_length((uint64_t)m->s);
-    return m->loud[j < LOUD ? j : LOUD - 1];
+    return m->loud[s < (int64_t)sizeof hapfmt_flags.loud ? hapfmt_flags.loud[s] : LOUD - 1];
 }
+
+INLINE model *near_of(models *m) { return near_at(m, 2 * m->a + m->b); }
+
+INLINE model *loud_of(models *m) { return loud_at(m, m->s); }
 
 INLINE void step_on(models *m, uint64_t u)
 {
@@ -84,37 +99,54 @@ INLINE int get_flag(uint32_t *x, const uint8_t **next, int width)
 INLINE int get_by_bits_as(decoder *d, int64_t count, int64_t *out, int signs)
 {
     models m = hapfmt_models;
+    const uint8_t *next = d->next, *stop = d->end - (d->raw + 7) / 8;
     uint32_t x = d->x[0];
+    uint64_t a = 0, b = 0;
+    int64_t s = 0;
+    int status = DONE, last = 0;
     for (int64_t t = 0; t < count; t++) {
-        model *near = near_of(&m), *loud = loud_of(&m);
+        model *near = near_at(&m, 2 * a + b), *loud = loud_at(&m, s);
         int k = 0, negative = 0;
         for (; k < KINDS; k++) {
-            int bit = get_flag(&x, &d->next, (near[k].p + loud[k].p) >> 5);
+            int bit = get_flag(&x, &next, (near[k].p + loud[k].p) >> 5);
             learn_bit(near + k, bit, FAST);
             learn_bit(loud + k, bit, SLOW);
             if (bit) break;
         }
-        if (RARE(k == KINDS)) return overrun(d) ? BAD_END : BAD_ERROR;
+        if (RARE(k == KINDS)) {
+            status = next > stop ? BAD_END : BAD_ERROR;
+            break;
+        }
         uint64_t u = (uint64_t)k;
         if (k >= PLAIN) {
             model *half = m.half + k;
-            int bit = get_flag(&x, &d->next, half->p >> 4);
+            int bit = get_flag(&x, &next, half->p >> 4);
             learn_bit(half, bit, SLOW);
             u = ((uint64_t)(2 + bit) << (k - PLAIN)) + 1 + get_raw(d, k - PLAIN);
-            if (RARE(u >> ERROR_BITS)) return BAD_ERROR;
+            stop = d->end - (d->raw + 7) / 8;
+            if (RARE(u >> ERROR_BITS)) {
+                status = BAD_ERROR;
+                break;
+            }
         }
         if (signs != UNSIGNED && u) {
-            model *sign = m.sign + m.d;
-            negative = get_flag(&x, &d->next, sign->p >> 4);
+            model *sign = m.sign + last;
+            negative = get_flag(&x, &next, sign->p >> 4);
             learn_bit(sign, negative, SLOW);
-            m.d = 1 + negative;
+            last = 1 + negative;
         }
-        if (RARE(overrun(d))) return BAD_END;
+        if (RARE(next > stop)) {
+            status = BAD_END;
+            break;
+        }
         out[t] = negative ? -(int64_t)u : (int64_t)u;
-        step_on(&m, u);
+        b = a;
+        a = u;
+        s += (64 * (int64_t)u - s) >> 3;
     }
     d->x[0] = x;
-    return DONE;
+    d->next = next;
+    return status;
 }
 
 static inline int get_by_bits(decoder *d, int64_t count, int64_t *out, int signs)

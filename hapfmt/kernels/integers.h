@@ -43,41 +43,35 @@ INLINE void learn(averages *a, uint64_t sum)
 
 /* ---- decoding ---- */
 
-INLINE int find(const int16_t *ends, uint32_t x)
+/* A symbol. Few slots have another one than the first slot with their highest bits. */
+INLINE int get_one(uint32_t *x, const class_table *t, int c, const uint8_t **next)
 {
-    int slot = (int)(x & (SCALE - 1));
-#ifdef VECTORS
-    __m128i at = _mm_set1_epi16((short)slot);
-    __m128i a = _mm_cmpgt_epi16(at, _mm_loadu_si128((const __m128i *)ends));
-    __m128i b = _mm_cmpgt_epi16(at, _mm_loadu_si128((const __m128i *)(ends + 8)));
-    return __builtin_ctz(~(unsigned)_mm_movemask_epi8(_mm_packs_epi16(a, b)));
-#else
-    int symbol = 0;
-    for (int i = 0; i < ESCAPE; i++) symbol += slot > ends[i];
-    return symbol;
-#endif
+    uint32_t slot = *x & (SCALE - 1), high = *x >> SCALE_BITS;
+    int k = t->symbols[c][slot >> FINE_BITS];
+    share s = t->coarse[c][slot >> FINE_BITS];
+    uint32_t within = slot - s.first;
+    while (RARE(within >= s.width)) {
+        s = t->shares[c][++k];
+        within = slot - s.first;
+    }
+    uint32_t state = s.width * high + within, more = state << 16 | (uint32_t)(*next)[0] << 8 | (*next)[1];
+    int needs = state < LEAST_STATE;
+    *next += 2 * needs;
+    *x = needs ? more : state;
+    return k;
 }
 
 /* The symbols of up to eight numbers. */
 INLINE void get_block(decoder *d, const class_table *t, int c, int count, int lanes, int *k)
 {
-    const share *shares = t->shares[c];
-    const int16_t *ends = t->ends[c];
     const uint8_t *next = d->next;
     uint32_t x[LANES_MOST];
     for (int i = 0; i < lanes; i++) x[i] = d->x[i];
-    if (count == BLOCK)
-        for (int i = 0; i < BLOCK; i++) {
-            uint32_t *lane = x + (i & (lanes - 1));
-            k[i] = find(ends, *lane);
-            *lane = advance(*lane, shares[k[i]], &next);
-        }
-    else
-        for (int i = 0; i < count; i++) {
-            uint32_t *lane = x + (i & (lanes - 1));
-            k[i] = find(ends, *lane);
-            *lane = advance(*lane, shares[k[i]], &next);
-        }
+    if (count == BLOCK) {
+        UNROLL
+        for (int i = 0; i < BLOCK; i++) k[i] = get_one(x + (i & (lanes - 1)), t, c, &next);
+    } else
+        for (int i = 0; i < count; i++) k[i] = get_one(x + (i & (lanes - 1)), t, c, &next);
     for (int i = 0; i < lanes; i++) d->x[i] = x[i];
     d->next = next;
 }
@@ -112,7 +106,11 @@ INLINE int get_integers_as(decoder *d, int class, int start, int64_t count, int6
             beyond |= u;
             sum += u;
             if (signs == RAW_SIGNS) {
-                uint64_t some = u != 0, mask = 0 - (word & some);
+                /* Whether there is a sign mostly follows from the symbol: then no load waits for
+                   the number. */
+                uint64_t some = k[i] != 0;
+                if (h && RARE(!some)) some = u != 0;
+                uint64_t mask = 0 - (word & some);
                 raw += (int64_t)some;
                 u = (u ^ mask) - mask;
             }
@@ -135,20 +133,32 @@ static inline int get_integers(decoder *d, int class, int start, int64_t count, 
                               : get_integers_as(d, class, start, count, out, 4, UNSIGNED);
 }
 
-/* Signs of those that are not 0, each by the number before it. */
+/* Signs of those that are not 0, each by the number before it. Nothing branches on a sign or a zero, which
+   no processor can predict. */
 static inline int get_signs(decoder *d, const uint8_t *p, int64_t count, int64_t *out)
 {
-    int last = 0, lane = 0;
+    const uint8_t *next = d->next, *stop = d->end - (d->raw + 7) / 8;
+    uint32_t positive[SIGN_CONTEXTS], last = 1, lane = 0, lanes = (uint32_t)d->lanes - 1;
+    for (int i = 0; i < SIGN_CONTEXTS; i++) positive[i] = SCALE - 16 * (uint32_t)p[i];
     for (int64_t i = 0; i < count; i++) {
-        if (out[i]) {
-            int negative = get_bit(d, lane, p[last + 1]);
-            lane = (lane + 1) & (d->lanes - 1);
-            if (RARE(overrun(d))) return BAD_END;
-            if (negative) out[i] = -out[i];
-            last = 1 - 2 * negative;
-        } else
-            last = 0;
+        uint32_t x = d->x[lane], slot = x & (SCALE - 1), some = out[i] != 0;
+        uint32_t middle = last == 0 ? positive[0] : last == 1 ? positive[1] : positive[2];
+        uint32_t negative = slot >= middle, wide = 0 - negative;
+        uint32_t width = (middle ^ wide) + (wide & (SCALE + 1)); /* SCALE - middle where negative */
+        uint32_t state = width * (x >> SCALE_BITS) + slot - (middle & wide);
+        uint32_t needs = (state < LEAST_STATE) & some, more = state << 16 | (uint32_t)next[0] << 8 | next[1];
+        int64_t mask = -(int64_t)(negative & some);
+        d->x[lane] = !some ? x : needs ? more : state;
+        next += 2 * needs;
+        lane = (lane + some) & lanes;
+        out[i] = (out[i] ^ mask) - mask;
+        last = some ? 2 - 2 * negative : 1;
+        if (RARE(next > stop)) {
+            d->next = next;
+            return BAD_END;
+        }
     }
+    d->next = next;
     return DONE;
 }
 
@@ -200,9 +210,12 @@ INLINE int put_integers(encoder *e, const int64_t *in, int64_t count, int start,
                 put_raw(e, (uint64_t)length, 6);
                 put_raw(e, y, length);
                 put_raw(e, u, h);
-            } else
-                put_raw(e, u - ((uint64_t)edges[k] << h), extra[k] + h);
-            if (signs == RAW_SIGNS && u) put_raw(e, value < 0, 1);
+                if (signs == RAW_SIGNS) put_raw(e, value < 0, 1);
+            } else {
+                int bits = extra[k] + h, sign = signs == RAW_SIGNS && u;
+                uint64_t rest = u - ((uint64_t)edges[k] << h);
+                put_raw(e, rest | (uint64_t)(sign && value < 0) << bits, bits + sign);
+            }
             sum += u;
         }
         learn(&a, sum);

@@ -17,10 +17,13 @@ extern PyMethodDef hapfmt_levels_methods[];
 extern PyMethodDef hapfmt_exact_methods[];
 extern PyMethodDef hapfmt_knots_coded_methods[];
 extern PyMethodDef hapfmt_packet_methods[];
+extern PyMethodDef hapfmt_deflate_methods[];
+extern PyMethodDef hapfmt_references_methods[];
 extern PyMethodDef hapfmt_transform_methods[];
 extern PyMethodDef hapfmt_trellis_methods[];
 extern PyMethodDef hapfmt_noise_methods[];
 extern PyMethodDef hapfmt_sections_methods[];
+extern PyMethodDef hapfmt_lattice_methods[];
 void hapfmt_lpcr_prepare(void);
 
 /* Whether a buffer is a row of numbers, each of the given size in bytes. */

@@ -2,11 +2,14 @@
    while the GIL is released, nothing is allocated in a loop, and arguments are checked here. */
 #include "kernels.h"
 
+#include "components.h"
 #include "search.h"
 
 class_table hapfmt_classes[CLASSES];
+uint64_t hapfmt_inverses[SCALE + 1];
 uint16_t hapfmt_costs[SCALE];
 models hapfmt_models;
+flag_tables hapfmt_flags;
 
 /* Rows of SPEC 9.4: shape, scale, zeros, half. */
 static const int8_t rows[CLASSES][4] = {
@@ -35,9 +38,13 @@ static void build_context(const int8_t *row, int c, class_table *t)
     }
     t->shares[c][ESCAPE].first = (uint16_t)from;
     t->shares[c][ESCAPE].width = (uint16_t)(SCALE - from);
+    for (int i = 0, k = 0; i < 1 << COARSE_BITS; i++) {
+        while (k < ESCAPE && i << FINE_BITS >= t->shares[c][k + 1].first) k++;
+        t->symbols[c][i] = (uint8_t)k;
+        t->coarse[c][i] = t->shares[c][k];
+    }
     for (int k = 0; k < SYMBOLS; k++) {
         share s = t->shares[c][k];
-        t->ends[c][k] = (int16_t)(k < ESCAPE ? s.first + s.width - 1 : INT16_MAX);
         t->costs[c][k] = (uint16_t)floor(256 * log2((double)SCALE / s.width) + 0.5);
     }
 }
@@ -94,6 +101,47 @@ static PyObject *run(PyObject *args, int decoding)
 
 static PyObject *lpcr_decode(PyObject *self, PyObject *args) { (void)self; return run(args, 1); }
 static PyObject *lpcr_encode(PyObject *self, PyObject *args) { (void)self; return run(args, 0); }
+
+/* (packet, components, largest index, step, zero, magnitudes of a deadband's grid int64 or none, least
+   and largest count, sines int32 [128], counts int32 [components, ticks]) -> 0: it breaks a rule, 1: all
+   counts lie within the range, 2: some were moved into it */
+static PyObject *lpcr_packet(PyObject *self, PyObject *args)
+{
+    (void)self;
+    Py_buffer packet, levels, sines, counts;
+    int count, status = -1;
+    long long limit, step, zero, low, high;
+    if (!PyArg_ParseTuple(args, "y*iLLLy*LLy*w*", &packet, &count, &limit, &step, &zero, &levels, &low, &high,
+                          &sines, &counts))
+        return NULL;
+    PyObject *result = NULL;
+    const int64_t bound = (int64_t)1 << 31;
+    scale s = {levels.len ? levels.buf : NULL, limit, step, zero, low, high};
+    int64_t span = count > 0 ? counts.len / 4 / count : 0;
+    int fits = count >= 1 && count <= COMPONENTS_MOST && span >= 1 && counts.len == 4 * count * span &&
+               whole(&counts, 4) && whole(&levels, 8) && whole(&sines, 4) && sines.len == 4 * 128 &&
+               limit >= 0 && limit <= INDEX_LIMIT && step >= 1 && step <= bound && zero >= -bound &&
+               zero < bound && low <= high && low >= -bound && high < bound &&
+               (levels.len ? levels.len / 8 > limit : step * limit <= INDEX_LIMIT);
+    for (int i = 0; fits && i < 128; i++) {
+        int32_t sine = ((int32_t *)sines.buf)[i];
+        fits = sine >= 0 && sine < 32768;
+    }
+    if (!fits) PyErr_SetString(PyExc_ValueError, "not a grid, or not the counts of components");
+    else {
+        bytes b = {packet.buf, packet.len};
+        Py_BEGIN_ALLOW_THREADS
+        status = decode_packet(b, count, span, &s, sines.buf, counts.buf);
+        Py_END_ALLOW_THREADS
+        if (status >= 0) result = PyLong_FromLong(status);
+        else PyErr_NoMemory();
+    }
+    PyBuffer_Release(&packet);
+    PyBuffer_Release(&levels);
+    PyBuffer_Release(&sines);
+    PyBuffer_Release(&counts);
+    return result;
+}
 
 /* (coefficients int32, difference, base, limit, indices int64, errors int64) */
 static PyObject *lpcr_errors(PyObject *self, PyObject *args)
@@ -200,6 +248,7 @@ static PyObject *levinson_(PyObject *self, PyObject *args)
 
 PyMethodDef hapfmt_lpcr_methods[] = {
     {"lpcr_decode", lpcr_decode, METH_VARARGS, NULL},
+    {"lpcr_packet", lpcr_packet, METH_VARARGS, NULL},
     {"lpcr_encode", lpcr_encode, METH_VARARGS, NULL},
     {"lpcr_errors", lpcr_errors, METH_VARARGS, NULL},
     {"step_up", step_up_, METH_VARARGS, NULL},
@@ -210,9 +259,12 @@ PyMethodDef hapfmt_lpcr_methods[] = {
 
 void hapfmt_lpcr_prepare(void)
 {
+    for (int i = 1; i <= SCALE; i++)
+        hapfmt_inverses[i] = (((uint64_t)1 << 44) + (uint64_t)i - 1) / (uint64_t)i;
     for (int i = 1; i < SCALE; i++)
         hapfmt_costs[i] = (uint16_t)floor(256 * log2((double)SCALE / i) + 0.5);
     models_prepare(&hapfmt_models);
+    flag_tables_prepare(&hapfmt_flags);
     for (int i = 0; i < CLASSES; i++)
         for (int c = 0; c < CONTEXTS; c++) build_context(rows[i], c, hapfmt_classes + i);
 }

@@ -12,7 +12,7 @@
 #include "flags.h"
 
 enum { ORDERS = 32, DIFFERENCES = 4, SHIFT = 13, COEFFICIENT_LIMIT = 1 << 21 };
-enum { RING = 1024, PIECE = 1024, UNROLLED = 12 };
+enum { RING = 1024, PIECE = 1024, UNROLLED = 12, STEP = 8 };
 enum { REPEAT_CONTEXTS = 4, BY_BITS = 64, REPEAT_CODES = BITS, SIGN_CODES = BITS + 2 * REPEAT_CONTEXTS };
 static const int64_t INDEX_LIMIT = (int64_t)1 << 32, CROSS_LIMIT = (int64_t)1 << 54;
 
@@ -79,42 +79,36 @@ INLINE int64_t predict(const filter *f, const int64_t *next)
     return sum >> SHIFT;
 }
 
-/* ``width`` as in the filter, known to the compiler. */
-INLINE int64_t predict_real(const filter *f, const double *next, int width)
+/* c[1..m] of SPEC 9.5; 0 where LPC-005 is broken. Twice a product stays below 2^53. */
+static int step_up(const int8_t *reflections, int order, const int32_t *sines, int32_t *out)
 {
-    const double *c = f->real_taps;
-    int old = width - 4;
-    next -= width;
-    double sum = 1 << (SHIFT - 1);
-#ifdef VECTORS
-    __m128d a = _mm_setzero_pd(), b = _mm_setzero_pd();
-    for (int j = 0; j < old; j += 4) {
-        a = _mm_add_pd(a, _mm_mul_pd(_mm_loadu_pd(c + j), _mm_loadu_pd(next + j)));
-        b = _mm_add_pd(b, _mm_mul_pd(_mm_loadu_pd(c + j + 2), _mm_loadu_pd(next + j + 2)));
+    int64_t p[ORDERS], before[ORDERS];
+    for (int n = 0; n < order; n++) {
+        int at = reflections[n];
+        int64_t k = at < 0 ? -sines[-at] : sines[at];
+        memcpy(before, p, (size_t)n * sizeof *p);
+        for (int j = 0; j < n; j++) p[j] = before[j] - ((2 * k * before[n - 1 - j] + (1 << 15)) >> 16);
+        p[n] = k * 32;
+        for (int j = 0; j <= n; j++)
+            if (p[j] > (int64_t)1 << 36 || p[j] < -((int64_t)1 << 36)) return 0;
     }
-    a = _mm_add_pd(a, b);
-    sum += _mm_cvtsd_f64(_mm_add_pd(a, _mm_unpackhi_pd(a, a)));
-#else
-    for (int j = 0; j < old; j++) sum += c[j] * next[j];
-#endif
-    c += old;
-    next += old;
-    /* The newest value comes last: it depends on the iteration before. */
-    sum += (c[0] * next[0] + c[1] * next[1]) + c[2] * next[2];
-    return (int64_t)(sum + c[3] * next[3]) >> SHIFT;
+    for (int j = 0; j < order; j++) {
+        int64_t c = (2 * p[j] + 128) >> 8;
+        if (c > COEFFICIENT_LIMIT || c < -COEFFICIENT_LIMIT) return 0;
+        out[j] = (int32_t)c;
+    }
+    return 1;
 }
 
 /* ---- decoding ---- */
 
-/* Turns the prediction errors in ``out`` into indices. ``kind`` of the history: 0 none, 1 integers,
-   else that number of doubles. */
-INLINE int synthesise_as(const plan *p, const filter *f, const uint8_t *same, int64_t *out, int kind,
+/* Turns the prediction errors in ``out`` into indices, sample by sample. ``some``: there are
+   coefficients. */
+INLINE int synthesise_as(const plan *p, const filter *f, const uint8_t *same, int64_t *out, int some,
                          int repeats, int g)
 {
     int64_t sums[DIFFERENCES + 1] = {0}, history[ORDERS + RING];
-    double real_history[ORDERS + RING];
-    if (kind == 1) memset(history, 0, sizeof history);
-    if (kind > 1) memset(real_history, 0, sizeof real_history);
+    if (some) memset(history, 0, sizeof history);
     int now = ORDERS;
     int64_t base = p->base, limit = p->limit;
     for (int64_t t = 0; t < p->span; t++) {
@@ -128,8 +122,7 @@ INLINE int synthesise_as(const plan *p, const filter *f, const uint8_t *same, in
             sums[g] = fresh;
         } else {
             int64_t fresh = out[t];
-            if (kind == 1) fresh += predict(f, history + now);
-            if (kind > 1) fresh += predict_real(f, real_history + now, kind);
+            if (some) fresh += predict(f, history + now);
             sums[g] = fresh;
             for (int i = g - 1; i >= 0; i--) {
                 fresh += sums[i];
@@ -139,15 +132,115 @@ INLINE int synthesise_as(const plan *p, const filter *f, const uint8_t *same, in
         int64_t index = sums[0] + base;
         if (RARE(index > limit || index < -limit)) return BAD_INDEX;
         out[t] = index;
-        if (kind == 1) history[now] = sums[g];
-        if (kind > 1) real_history[now] = (double)sums[g];
-        if (kind && ++now == ORDERS + RING) {
-            memcpy(history, history + RING, ORDERS * sizeof *history);
-            memcpy(real_history, real_history + RING, ORDERS * sizeof *real_history);
-            now = ORDERS;
+        if (some) {
+            history[now] = sums[g];
+            if (++now == ORDERS + RING) {
+                memcpy(history, history + RING, ORDERS * sizeof *history);
+                now = ORDERS;
+            }
         }
     }
     return DONE;
+}
+
+/* Predictions of STEP samples from all that come before the first of them, eight taps at a time. All
+   sums are integers below 2^53: their order does not matter. */
+#if defined(__GNUC__) && !defined(HAPFMT_PLAIN)
+typedef double four __attribute__((vector_size(32)));
+#endif
+
+/* ``c``: coefficients [width], the newest sample's first, and STEP zeros; ``next`` points behind the
+   newest sample. */
+INLINE void predict_step(const double *c, const double *next, int width, int64_t *sums)
+{
+    const double half = 1 << (SHIFT - 1);
+#if defined(__GNUC__) && !defined(HAPFMT_PLAIN)
+    four a = {half, half, half, half}, b = a, d = {0}, e = {0};
+    for (int j = width - 1; j >= 0; j -= 2) {
+        four old, new, older, newer;
+        memcpy(&old, c + j, sizeof old);
+        memcpy(&older, c + j + 4, sizeof older);
+        memcpy(&new, c + j - 1, sizeof new);
+        memcpy(&newer, c + j + 3, sizeof newer);
+        a += old * next[-1 - j];
+        b += older * next[-1 - j];
+        d += new * next[-j];
+        e += newer * next[-j];
+    }
+    a += d;
+    b += e;
+    for (int i = 0; i < 4; i++) {
+        sums[i] = (int64_t)a[i];
+        sums[4 + i] = (int64_t)b[i];
+    }
+#else
+    double a[STEP];
+    for (int i = 0; i < STEP; i++) a[i] = half;
+    for (int j = width - 1; j >= 0; j--)
+        for (int i = 0; i < STEP; i++) a[i] += c[j + i] * next[-1 - j];
+    for (int i = 0; i < STEP; i++) sums[i] = (int64_t)a[i];
+#endif
+}
+
+/* Where a synthesis in steps is: ``history`` has y before ``now``. */
+typedef struct {
+    double c[ORDERS + STEP], history[ORDERS + RING];
+    int64_t taps[STEP];
+    uint64_t last, base, kept, limit;
+    int now, width;
+} steps;
+
+/* A step: the history counts by vectors of doubles, what is new within the step by integers, whose
+   products take less time to arrive. Unsigned sums may wrap: indices beyond the limit are found after the step. */
+INLINE void take_step(steps *s, const uint8_t *same, int64_t *out, int repeats)
+{
+    int64_t sums[STEP];
+    uint64_t y[STEP];
+    predict_step(s->c, s->history + s->now, s->width, sums);
+    UNROLL
+    for (int i = 0; i < STEP; i++) {
+        uint64_t sum = (uint64_t)sums[i];
+        UNROLL
+        for (int j = i; j > 0; j--) sum += (uint64_t)s->taps[j - 1] * y[i - j];
+        y[i] = (uint64_t)out[i] + (uint64_t)((int64_t)sum >> SHIFT);
+        if (repeats && same[i]) y[i] = s->last & ~s->kept;
+        s->last = (s->last & s->kept) + y[i];
+        out[i] = (int64_t)(s->last + s->base);
+        s->history[s->now + i] = (double)(int64_t)y[i];
+    }
+    s->now += STEP;
+    if (s->now > ORDERS + RING - STEP) {
+        memcpy(s->history, s->history + s->now - ORDERS, ORDERS * sizeof *s->history);
+        s->now = ORDERS;
+    }
+}
+
+/* As synthesise_as, in steps of eight samples. */
+INLINE int synthesise_steps(const plan *p, int width, const uint8_t *same, int64_t *out, int repeats)
+{
+    steps s;
+    int64_t t = 0, left = p->span % STEP, rest[STEP] = {0};
+    uint8_t none[STEP] = {0};
+    memset(s.c, 0, sizeof s.c);
+    memset(s.taps, 0, sizeof s.taps);
+    for (int j = 0; j < p->order; j++) s.c[j] = p->coefficients[j];
+    for (int j = 0; j < STEP && j < p->order; j++) s.taps[j] = p->coefficients[j];
+    memset(s.history, 0, ORDERS * sizeof *s.history);
+    s.last = 0;
+    s.base = (uint64_t)p->base;
+    s.kept = p->difference ? UINT64_MAX : 0;
+    s.now = ORDERS;
+    s.width = width;
+    for (; t + STEP <= p->span; t += STEP) {
+        take_step(&s, repeats ? same + t : NULL, out + t, repeats);
+        if (RARE(!within(out + t, STEP, p->limit))) return BAD_INDEX;
+    }
+    if (!left) return DONE;
+    memcpy(rest, out + t, (size_t)left * sizeof *rest);
+    if (repeats) memcpy(none, same + t, (size_t)left);
+    take_step(&s, none, rest, repeats);
+    memcpy(out + t, rest, (size_t)left * sizeof *rest);
+    return within(rest, left, p->limit) ? DONE : BAD_INDEX;
 }
 
 /* Few coefficients and no repeats: the history stays in registers. */
@@ -194,16 +287,17 @@ static int synthesise_polynomial(const plan *p, int64_t *out)
     }
 }
 
-#define WITH_REPEATS(kind)                                                    \
-    (p->repeats ? synthesise_as(p, f, same, out, kind, 1, p->difference)      \
-                : synthesise_as(p, f, same, out, kind, 0, p->difference))
+#define STEPS(name, target)                                                                       \
+    target static int name(const plan *p, int width, const uint8_t *same, int64_t *out)           \
+    {                                                                                             \
+        return p->repeats ? synthesise_steps(p, width, same, out, 1)                              \
+                          : synthesise_steps(p, width, same, out, 0);                             \
+    }
 
-static int synthesise_real(const plan *p, const filter *f, const uint8_t *same, int64_t *out)
-{
-    if (f->width == 8) return WITH_REPEATS(8);
-    if (f->width == 16) return WITH_REPEATS(16);
-    return f->width == 24 ? WITH_REPEATS(24) : WITH_REPEATS(32);
-}
+STEPS(synthesise_real, )
+#ifdef WIDE
+STEPS(synthesise_wide, WIDE)
+#endif
 
 static int synthesise(const plan *p, const uint8_t *same, int64_t *out)
 {
@@ -212,7 +306,10 @@ static int synthesise(const plan *p, const uint8_t *same, int64_t *out)
     if (!p->repeats && p->order <= UNROLLED) return synthesise_unrolled(p, out);
     filter_init(&f, p);
     return !p->order ? synthesise_as(p, &f, same, out, 0, 1, p->difference)
-           : f.real  ? synthesise_real(p, &f, same, out)
+#ifdef WIDE
+           : f.real && wide() ? synthesise_wide(p, f.width, same, out)
+#endif
+           : f.real  ? synthesise_real(p, f.width, same, out)
                      : synthesise_as(p, &f, same, out, 1, p->repeats, p->difference);
 }
 
@@ -365,7 +462,7 @@ enum { QUIET = 2 * 256, SURE = 1024 };
 /* Whether numbers are so quiet and many that a class would be larger. */
 static int surely_quiet(const int64_t *numbers, int64_t count)
 {
-    int64_t left = count < SURE ? 0 : count / 2;
+    int64_t left = count < SURE ? 0 : 2 * count / 3;
     for (int64_t i = 0; i < count && left > 0; i++) {
         int64_t u = numbers[i] < 0 ? -numbers[i] : numbers[i];
         left = u < left ? left - u : 0;

@@ -8,7 +8,8 @@ static PyMethodDef *const tables[] = {
     hapfmt_lpcr_methods, hapfmt_tube_methods, hapfmt_knots_methods, hapfmt_select_methods,
     hapfmt_huffman_methods, hapfmt_levels_methods, hapfmt_exact_methods, hapfmt_knots_coded_methods,
     hapfmt_packet_methods, hapfmt_transform_methods, hapfmt_trellis_methods, hapfmt_noise_methods,
-    hapfmt_sections_methods,
+    hapfmt_sections_methods, hapfmt_lattice_methods, hapfmt_deflate_methods,
+    hapfmt_references_methods,
 };
 
 PyMODINIT_FUNC PyInit__kernels(void)

@@ -8,6 +8,10 @@
 
 #include "coded.h"
 
+#ifdef WIDE
+#include <immintrin.h>
+#endif
+
 enum { ORDERS = 32, GAIN_MOST = 112, K_MOST = 127, SINES = 128, BAD_GAIN = 7, BAD_COEFFICIENT = 8 };
 enum { GAIN_BITS = 20, FRACTION_BITS = 6, SINE_BITS = 15, TICKS = 1 << 12 };
 
@@ -32,7 +36,7 @@ INLINE int64_t clamped(int64_t x, int64_t low, int64_t high)
 }
 
 /* The excitation of ``count`` ticks from ``tick`` on; the gain goes from one value to another in an interval. */
-INLINE void excite(const model *p, int64_t tick, int count, int64_t from, int64_t to, int32_t *e)
+INLINE void excite_as(const model *p, int64_t tick, int count, int64_t from, int64_t to, int32_t *e)
 {
     uint32_t first = p->seed + (uint32_t)tick * 2654435769u;
     uint32_t density = p->density ? (uint32_t)p->density : 256;
@@ -50,6 +54,24 @@ INLINE void excite(const model *p, int64_t tick, int count, int64_t from, int64_
         int64_t gain = from + (step * i >> p->shift);
         e[i] = (int32_t)((gain * n[i] + (1 << (GAIN_BITS - 1))) >> GAIN_BITS);
     }
+}
+
+#ifdef WIDE
+WIDE static void excite_wide(const model *p, int64_t tick, int count, int64_t from, int64_t to, int32_t *e)
+{
+    excite_as(p, tick, count, from, to, e);
+}
+#endif
+
+static void excite(const model *p, int64_t tick, int count, int64_t from, int64_t to, int32_t *e)
+{
+#ifdef WIDE
+    if (wide()) {
+        excite_wide(p, tick, count, from, to, e);
+        return;
+    }
+#endif
+    excite_as(p, tick, count, from, to, e);
 }
 
 /* ``g`` [width]; coefficients beyond the order are 0, and change nothing. */
@@ -77,11 +99,80 @@ INLINE void filter_as(const int64_t *k, int64_t *g, const int32_t *e, int count,
     for (int j = 0; j < width; j++) g[j] = s[j];
 }
 
+#ifdef WIDE
+enum { FOUR = 4, MOST_FOURS = ORDERS / FOUR };
+
+/* (x * y + half) >> SINE_BITS, and 2^32, of products below 2^47. */
+WIDE static inline __m256i products(__m256i x, __m256i y)
+{
+    const __m256i bias = _mm256_set1_epi64x(((int64_t)1 << (32 + SINE_BITS)) + (1 << (SINE_BITS - 1)));
+    return _mm256_srli_epi64(_mm256_add_epi64(_mm256_mul_epi32(x, y), bias), SINE_BITS);
+}
+
+/* The same four coefficients at a time. f of each is what all from it on add up to. A tick in which a
+   number leaves 32 bits is left to the loop above. */
+WIDE INLINE void filter_fours(const int64_t *k, int64_t *g, const int32_t *e, int count, int64_t low,
+                             int64_t high, int32_t *out, int width)
+{
+    const int fours = width / FOUR;
+    const __m256i zero = _mm256_setzero_si256(), one = _mm256_set1_epi64x((int64_t)1 << 32);
+    const __m256i terms = _mm256_set_epi64x((int64_t)1 << 32, (int64_t)2 << 32, (int64_t)3 << 32, (int64_t)4 << 32);
+    const __m256i least = _mm256_set1_epi64x((int64_t)1 << 31), above = _mm256_set1_epi64x(-((int64_t)1 << 32));
+    __m256i K[MOST_FOURS], G[MOST_FOURS], H[MOST_FOURS];
+    for (int v = 0; v < fours; v++) {
+        K[v] = _mm256_loadu_si256((const __m256i *)(k + FOUR * v));
+        G[v] = _mm256_loadu_si256((const __m256i *)(g + FOUR * v));
+    }
+    for (int i = 0; i < count; i++) {
+        __m256i f = _mm256_set1_epi64x(e[i]), beyond = zero, first = zero;
+        UNROLL
+        for (int v = fours - 1; v >= 0; v--) {
+            __m256i u = products(K[v], G[v]), s;
+            s = _mm256_add_epi64(u, _mm256_blend_epi32(_mm256_permute4x64_epi64(u, 0x39), zero, 0xC0));
+            s = _mm256_add_epi64(s, _mm256_permute2x128_si256(s, s, 0x81));
+            s = _mm256_sub_epi64(s, terms);
+            __m256i all = _mm256_permute4x64_epi64(s, 0), F = _mm256_add_epi64(s, f);
+            f = _mm256_add_epi64(f, all);
+            H[v] = _mm256_sub_epi64(_mm256_add_epi64(G[v], one), products(K[v], F));
+            beyond = _mm256_or_si256(beyond, _mm256_add_epi64(F, least));
+            beyond = _mm256_or_si256(beyond, _mm256_add_epi64(H[v], least));
+        }
+        first = f;
+        if (RARE(!_mm256_testz_si256(beyond, above))) {
+            for (int v = 0; v < fours; v++) _mm256_storeu_si256((__m256i *)(g + FOUR * v), G[v]);
+            filter_as(k, g, e + i, 1, low, high, out + i, width);
+            for (int v = 0; v < fours; v++) G[v] = _mm256_loadu_si256((const __m256i *)(g + FOUR * v));
+            continue;
+        }
+        int64_t last = _mm_cvtsi128_si64(_mm256_castsi256_si128(f));
+        out[i] = (int32_t)clamped((last + (1 << (FRACTION_BITS - 1))) >> FRACTION_BITS, low, high);
+        UNROLL
+        for (int v = 0; v < fours; v++) {
+            G[v] = _mm256_alignr_epi8(H[v], _mm256_permute2x128_si256(first, H[v], 0x21), 8);
+            first = H[v];
+        }
+    }
+    for (int v = 0; v < fours; v++) _mm256_storeu_si256((__m256i *)(g + FOUR * v), G[v]);
+}
+WIDE static void filter_wide(const int64_t *k, int64_t *g, const int32_t *e, int count, int64_t low,
+                             int64_t high, int32_t *out, int width)
+{
+    if (width == ORDERS) filter_fours(k, g, e, count, low, high, out, ORDERS);
+    else filter_fours(k, g, e, count, low, high, out, width);
+}
+#endif
+
 #define WIDTH(w) \
     case w: filter_as(k, g, e, count, p->low, p->high, out, w); break
 
 static void filter(const model *p, const int64_t *k, int64_t *g, const int32_t *e, int count, int32_t *out)
 {
+#ifdef WIDE
+    if (p->order > 16 && wide()) {
+        filter_wide(k, g, e, count, p->low, p->high, out, (p->order + FOUR - 1) / FOUR * FOUR);
+        return;
+    }
+#endif
     switch (p->order > 16 ? (p->order + 7) & ~7 : (p->order + 1) & ~1) {
         WIDTH(0); WIDTH(2); WIDTH(4); WIDTH(6); WIDTH(8); WIDTH(10); WIDTH(12); WIDTH(14); WIDTH(16);
         WIDTH(24); WIDTH(32);

@@ -74,7 +74,7 @@ static int write_best(search *s, const int32_t *sines, const double *limits, wor
 {
     way ways[WAYS];
     int status = BAD_ERROR;
-    int kept = is_wide() ? rank_wide(s, sines, limits, ways) : rank_plain(s, sines, limits, ways);
+    int kept = BEST(rank)(s, sines, limits, ways);
     int count = kept < s->how.written ? kept : s->how.written;
     if (kept && ways[0].repeats && ways[0].bits < SPARSE * s->count) {
         way w = ways[0];
@@ -242,7 +242,46 @@ static PyObject *find_cuts_(PyObject *self, PyObject *args)
     return PyLong_FromLong(found);
 }
 
+/* Bits a sample of each piece, added up: of the best of the first three differences. */
+static double piece_bits(const double *x, int64_t pieces, int64_t size)
+{
+    double total = 0;
+    for (int64_t k = 0; k < pieces; k++, x += size) {
+        double sum = 0, sums[3] = {0}, least = 0;
+        for (int64_t i = 0; i < size; i++) sum += x[i];
+        double mean = floor(sum / (double)size);
+        for (int64_t i = 0; i < size; i++) {
+            double now = x[i] - mean, before = i ? x[i - 1] - mean : 0, older = i > 1 ? x[i - 2] - mean : 0;
+            sums[0] += size_of(now);
+            if (i) sums[1] += size_of(now - before);
+            if (i > 1) sums[2] += size_of((now - before) - (before - older));
+        }
+        for (int g = 0; g < 3 && g < size; g++) {
+            double bits = log_2(1 + 5.4 * (sums[g] / (double)(size - g)));
+            least = !g || bits < least ? bits : least;
+        }
+        total += least;
+    }
+    return total;
+}
+
+/* (whole numbers float64 [pieces, samples], pieces) -> bits a sample, added up over all pieces */
+static PyObject *piece_bits_(PyObject *self, PyObject *args)
+{
+    (void)self;
+    Py_buffer numbers;
+    long long pieces;
+    double found = -1;
+    if (!PyArg_ParseTuple(args, "y*L", &numbers, &pieces)) return NULL;
+    if (whole(&numbers, 8) && numbers.len && pieces > 0 && numbers.len / 8 % pieces == 0)
+        found = piece_bits(numbers.buf, pieces, numbers.len / 8 / pieces);
+    PyBuffer_Release(&numbers);
+    if (found < 0) return PyErr_Format(PyExc_ValueError, "not pieces of whole numbers");
+    return PyFloat_FromDouble(found);
+}
+
 PyMethodDef hapfmt_packet_methods[] = {
+    {"piece_bits", piece_bits_, METH_VARARGS, NULL},
     {"find_cuts", find_cuts_, METH_VARARGS, NULL},
     {"polynomial_bits", polynomial_bits_, METH_VARARGS, NULL},
     {"encode_packet", encode_packet, METH_VARARGS, NULL},

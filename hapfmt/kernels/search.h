@@ -94,25 +94,4 @@ INLINE int64_t log_of(uint64_t v)
     return 256 * lg + (int64_t)((lg >= 8 ? v >> (lg - 8) : v << (8 - lg)) & 255);
 }
 
-/* c[1..m] of SPEC 9.5; 0 where LPC-005 is broken. Twice a product stays below 2^53. */
-static int step_up(const int8_t *reflections, int order, const int32_t *sines, int32_t *out)
-{
-    int64_t p[ORDERS], before[ORDERS];
-    for (int n = 0; n < order; n++) {
-        int at = reflections[n];
-        int64_t k = at < 0 ? -sines[-at] : sines[at];
-        memcpy(before, p, (size_t)n * sizeof *p);
-        for (int j = 0; j < n; j++) p[j] = before[j] - ((2 * k * before[n - 1 - j] + (1 << 15)) >> 16);
-        p[n] = k * 32;
-        for (int j = 0; j <= n; j++)
-            if (p[j] > (int64_t)1 << 36 || p[j] < -((int64_t)1 << 36)) return 0;
-    }
-    for (int j = 0; j < order; j++) {
-        int64_t c = (2 * p[j] + 128) >> 8;
-        if (c > COEFFICIENT_LIMIT || c < -COEFFICIENT_LIMIT) return 0;
-        out[j] = (int32_t)c;
-    }
-    return 1;
-}
-
 #endif

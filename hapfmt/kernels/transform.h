@@ -5,9 +5,11 @@
 #ifndef HAPFMT_TRANSFORM_H
 #define HAPFMT_TRANSFORM_H
 
+#include <stddef.h>
+
 #include "coded.h"
 
-enum { SIZE_MOST = 512, STATES = 8, BAD_SUM = 8, COSINE_BITS = 15, TILE = 16, BATCH = 8 };
+enum { SIZE_MOST = 512, STATES = 8, BAD_SUM = 8, COSINE_BITS = 15, TILE = 16, BATCH = 8, PLAIN_SYMBOLS = 10 };
 static const double SUM_LIMIT = 68719476736.0;
 
 static const uint8_t next_state[STATES][2] = {{0, 2}, {5, 7}, {1, 3}, {4, 6}, {2, 0}, {7, 5}, {3, 1}, {6, 4}};
@@ -67,48 +69,65 @@ typedef struct {
     int places[SIZE_MOST];
 } block;
 
-static int get_coefficients(decoder *d, const transform *t, neighbours *n, int *state, block *b)
+/* next_state, three bits for each state and parity. */
+static uint64_t packed_states(void)
 {
-    const class_table *tables[2] = {hapfmt_classes + (t->classes & 15), hapfmt_classes + (t->classes >> 4)};
+    uint64_t all = 0;
+    for (int s = 0; s < STATES; s++)
+        for (int odd = 0; odd < 2; odd++) all |= (uint64_t)next_state[s][odd] << (6 * s + 3 * odd);
+    return all;
+}
+
+static int get_coefficients(decoder *given, const transform *t, neighbours *n, int *state, block *b)
+{
+    const class_table *first = hapfmt_classes + (t->classes & 15);
+    ptrdiff_t apart = (t->classes >> 4) - (t->classes & 15);
+    const uint64_t following = packed_states();
+    decoder copy = *given, *d = &copy;
     int64_t a1 = n->mean[0], a2 = a1, *before = n->before + 1;
     double total = 0;
-    int s = *state;
-    b->some = 0;
+    uint32_t s = (uint32_t)*state;
+    int status = DONE, some = 0;
     look_around(n);
     for (int k = 0; k < t->count; k++) {
-        int h, c = context_by((8 * a1 + 4 * a2 + n->around[k]) >> 5, &h), quantiser = s & 1;
-        const class_table *table = tables[quantiser];
-        int symbol = find(table->ends[c], d->x[0]);
-        uint64_t u;
-        d->x[0] = advance(d->x[0], table->shares[c][symbol], &d->next);
-        if (RARE(symbol == ESCAPE)) {
-            uint64_t word = raw_word(d->end, d->raw);
-            int length = (int)(word & 63);
-            u = ((uint64_t)1 << length | (word >> 6 & (((uint64_t)1 << length) - 1))) + edges[ESCAPE] - 1;
-            d->raw += 6 + length;
-            if (u >> (ERROR_BITS - h)) return BAD_ERROR;
-            u = u << h | get_raw(d, h);
-        } else
-            u = ((uint64_t)edges[symbol] << h) + get_raw(d, extra[symbol] + h);
-        if (RARE(u >> ERROR_BITS)) return BAD_ERROR;
+        int h, c = context_by((8 * a1 + (4 * a2 + n->around[k])) >> 5, &h), quantiser = (int)(s & 1);
+        int symbol = get_one(d->x, first + (quantiser ? apart : 0), c, &d->next);
+        uint64_t u = (uint64_t)symbol;
+        /* Most numbers are their symbols: then nothing waits for raw bits. */
+        if (h || symbol >= PLAIN_SYMBOLS) {
+            if (RARE(symbol == ESCAPE)) {
+                uint64_t word = raw_word(d->end, d->raw);
+                int length = (int)(word & 63);
+                u = ((uint64_t)1 << length | (word >> 6 & (((uint64_t)1 << length) - 1))) + edges[ESCAPE] - 1;
+                d->raw += 6 + length;
+                if (u >> (ERROR_BITS - h)) status = BAD_ERROR;
+                else u = u << h | get_raw(d, h);
+            } else
+                u = ((uint64_t)edges[symbol] << h) + get_raw(d, extra[symbol] + h);
+            if (u >> ERROR_BITS) status = BAD_ERROR;
+            if (RARE(status)) break;
+        }
         if (u) {
             int negative = (int)get_raw(d, 1);
             double x = (double)((int64_t)(2 * u) - quantiser) * (double)t->steps[k];
-            if (RARE(overrun(d))) return BAD_END;
             total += x;
-            if (RARE(total > SUM_LIMIT)) return BAD_SUM;
-            b->x[b->some] = negative ? -x : x;
-            b->places[b->some++] = k;
-        } else if (RARE(overrun(d)))
-            return BAD_END;
-        s = next_state[s][u & 1];
+            b->x[some] = negative ? -x : x;
+            b->places[some++] = k;
+        }
+        if (RARE(overrun(d) || total > SUM_LIMIT)) {
+            status = overrun(d) ? BAD_END : BAD_SUM;
+            break;
+        }
+        s = (uint32_t)(following >> (6 * s + 3 * (u & 1))) & 7;
         a2 = a1;
         a1 = (int64_t)(256 * u);
         before[k] = a1; /* the one behind it was looked at */
     }
-    *state = s;
-    learn_block(n);
-    return DONE;
+    *given = copy;
+    *state = (int)s;
+    b->some = some;
+    if (!status) learn_block(n);
+    return status;
 }
 
 /* v of TILE samples of a block: ``waves`` [size][TILE]. The sums stay in registers. */
@@ -128,13 +147,13 @@ typedef void tile_loop(const double *waves, const block *b, int64_t *v);
 
 static void tile(const double *waves, const block *b, int64_t *v) { tile_as(waves, b, v); }
 
-#if defined(__GNUC__) && defined(__x86_64__) && !defined(HAPFMT_PLAIN)
-__attribute__((target("avx2"))) static void wide_tile(const double *waves, const block *b, int64_t *v)
+#ifdef WIDE
+WIDE static void wide_tile(const double *waves, const block *b, int64_t *v)
 {
     tile_as(waves, b, v);
 }
 
-static tile_loop *best_tile(void) { return __builtin_cpu_supports("avx2") ? wide_tile : tile; }
+static tile_loop *best_tile(void) { return wide() ? wide_tile : tile; }
 #else
 static tile_loop *best_tile(void) { return tile; }
 #endif

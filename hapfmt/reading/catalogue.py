@@ -204,6 +204,9 @@ class Catalogue:
     kept_rows: int = 0
     last_found: Fraction = Fraction(0)
     """Seconds to the end of the packets found in damaged chunks, whose times may be unknown."""
+    _placed: tuple[tuple[int, int], tuple[list[tuple[TrackPair, ...]], list[ChannelRef]]] | None = (
+        None
+    )
 
     @property
     def tracks(self) -> dict[int, Track]:
@@ -262,17 +265,30 @@ class Catalogue:
     @property
     def channels(self) -> list[ChannelRef]:
         """All channels in order of their numbers."""
-        found = [
-            ChannelRef(number, index, parts)
-            for parts in self.parts
-            for index, number in enumerate(parts[0].track.channels)
-        ]
-        return sorted(found, key=lambda channel: channel.number)
+        return [*self.placed[1]]
 
     @property
     def parts(self) -> list[tuple[TrackPair, ...]]:
         """Tracks that continue one another together, each with its HF track. An unsupported track
         counts as lost to its HF track (SPEC 6.3)."""
+        return [*self.placed[0]]
+
+    @property
+    def placed(self) -> tuple[list[tuple[TrackPair, ...]], list[ChannelRef]]:
+        """The parts and the channels, put together again after the tracks have changed."""
+        state = self.table.changes, len(self.tracks)
+        if self._placed is None or self._placed[0] != state:
+            parts = self.paired()
+            found = [
+                ChannelRef(number, index, chain)
+                for chain in parts
+                for index, number in enumerate(chain[0].track.channels)
+            ]
+            found.sort(key=lambda channel: channel.number)
+            self._placed = state, (parts, found)
+        return self._placed[1]
+
+    def paired(self) -> list[tuple[TrackPair, ...]]:
         residuals = {track.base: track for track in self.tracks.values() if track.kind == "hf"}
         return [
             tuple(
@@ -371,8 +387,9 @@ class Catalogue:
         self, type_: str, parse: Callable[[bytes, int], T]
     ) -> Iterator[tuple[int | None, T]]:
         """Clock chunks and the first channel of their tracks; an HF track alone has none."""
-        known = {ref.number for ref in self.channels}
+        known: set[int] = set()
         for found in self.parsed_clocks(type_, parse):
+            known = known or {ref.number for ref in self.channels}
             channel = None if found.track is None else self.tracks[found.track].first_channel
             if channel is None or channel in known:
                 yield channel, found

@@ -30,6 +30,7 @@ from ..format.layout import COVERED_SPAN
 from ..format.track import SYNTHETIC, Component, Track, unsupported_track
 from ..limits import Level
 from ..recording import Calibration, Channel, Deviation, Event, Span, append_span, in_order
+from ..spool import MEMORY, GrowingArray, Memory
 from .catalogue import ChannelRef, TrackPair
 
 Exact = tuple[ExactParameters, ...]
@@ -120,8 +121,9 @@ class TrackDecoder:
                 packet.data,
                 self.parameters,
                 [component.calibration for component in self.track.components],
-                counts.astype(np.int64),
+                counts,
                 packet.offset,
+                self.track.parameters,
             )
         except HapfmtError as error:
             raise error.at(path=self.path) from None
@@ -143,12 +145,13 @@ class TrackDecoder:
                     packet.data, parameters, track.number_format, packet.span, size, packet.offset
                 )
                 if track.number_format == "counts":
-                    self.check_range(numbers, packet.offset, "RAW-005")
+                    self.check_range(numbers, packet.offset)
                 return numbers
             if isinstance(parameters, tuple):
-                counts = decode_counts(packet.data, packet.span, size, self.level, packet.offset)
-                self.check_range(counts, packet.offset, "EXA-003")
-                return counts.astype(np.int32)
+                return decode_counts(
+                    packet.data, packet.span, size, self.level, packet.offset,
+                    track.count_min, track.count_max,
+                )  # fmt: skip
             if isinstance(parameters, KnotParameters):
                 coded = parameters.coded
                 within = knots.decode_coded_within if coded else knots.decode_within
@@ -180,13 +183,13 @@ class TrackDecoder:
         except HapfmtError as error:
             raise error.at(path=self.path) from None
 
-    def check_range(self, numbers: NDArray[Any], offset: int, requirement: str) -> None:
+    def check_range(self, numbers: NDArray[Any], offset: int) -> None:
         """What is lossless is never clamped."""
         low, high = self.track.count_min, self.track.count_max
         if numbers.min() < low or numbers.max() > high:
             raise FormatError(
                 "a lossless count outside the declared range",
-                requirement=requirement,
+                requirement="RAW-005",
                 offset=offset,
             )
 
@@ -262,36 +265,19 @@ class PieceDecoder:
         )
 
 
-class GrowingArray:
-    """Rows that come piece by piece and end as one array, without both in memory at once: a
-    bytearray grows by an eighth, and large ones are moved by the operating system, not copied."""
-
-    def __init__(self) -> None:
-        self.room = bytearray()
-        self.like: NDArray[Any] | None = None
-
-    def append(self, rows: NDArray[Any]) -> None:
-        """rows [ticks, ...], of one dtype and width throughout."""
-        if self.like is None:
-            self.like = rows[:0].copy()
-        self.room += np.ascontiguousarray(rows).data.cast("B")
-
-    def joined(self) -> NDArray[Any] | None:
-        """All rows; None where there were none. Nothing is appended after that."""
-        if self.like is None:
-            return None
-        return np.frombuffer(self.room, self.like.dtype).reshape(-1, *self.like.shape[1:])
-
-
 @dataclass
 class Decoded:
     """Decoded packets of one track in order of time."""
 
     track: Track
-    pieces: GrowingArray = field(default_factory=GrowingArray)
+    store: Memory = MEMORY
+    expected: int = 0
     spans: list[Span] = field(default_factory=list)
-    doubles: GrowingArray = field(default_factory=GrowingArray)
-    """Exact values, for each of the pieces or for none."""
+
+    def __post_init__(self) -> None:
+        self.pieces = GrowingArray(self.store, self.expected)
+        self.doubles = GrowingArray(self.store, self.expected)
+        """Exact values, for each of the pieces or for none."""
 
     def add(
         self, start: int, numbers: NDArray[Any], exact: NDArray[np.float64] | None = None
@@ -322,7 +308,7 @@ def sum_of(lf: Track, d: NDArray[Any], e: NDArray[Any]) -> NDArray[np.int32]:
 def add_residual(lf: Decoded, hf: Decoded) -> Decoded:
     """Their sum where both are covered (DEC-003)."""
     d, e = lf.numbers(), hf.numbers()
-    out = Decoded(lf.track)
+    out = Decoded(lf.track, lf.store)
     for (i, j), span in intersect(lf.spans, hf.spans):
         out.add(span.start, sum_of(lf.track, d[i : i + span.ticks], e[j : j + span.ticks]))
     return out
@@ -355,10 +341,11 @@ def build_channel(
 ) -> Channel:
     """The channel of component ``index``; ``component`` is its description in the base track."""
     counts, exact = decoded.track.number_format == "counts", decoded.doubles.joined()
+    kept = decoded.store.kept
     a, b, d = component.calibration
     deviation = Deviation(*component.deviation) if component.deviation else None
     return Channel(
-        stored=np.ascontiguousarray(decoded.numbers()[:, index]),
+        stored=kept(np.ascontiguousarray(decoded.numbers()[:, index])),
         rate=decoded.track.rate,
         coverage=tuple(decoded.spans),
         calibration=Calibration(a, 0 if hf_only else b, d) if counts else None,
@@ -370,7 +357,7 @@ def build_channel(
         body_site=component.body_site,
         device=component.device,
         deviation=deviation,
-        exact=None if exact is None else np.ascontiguousarray(exact[:, index]),
+        exact=None if exact is None else kept(np.ascontiguousarray(exact[:, index])),
         synthetic=synthetic,
     )
 
@@ -420,7 +407,9 @@ class Assembly:
         described = ref.track.components[ref.index]
         found = []
         for part in ref.parts:
-            own = replace(described, deviation=part.track.components[ref.index].deviation)
+            own = part.track.components[ref.index]
+            if own is not described:
+                own = replace(described, deviation=own.deviation)
             track = self.of_part(part)
             fast = None if self.band == "lf" else part.residual
             synthetic = SYNTHETIC in (part.track.codec, fast and fast.codec)

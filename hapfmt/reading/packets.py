@@ -137,7 +137,7 @@ EXTRA_SIZE = 1 << 16
 """Bytes that a damaged payload may be longer than its header says."""
 
 
-@dataclass
+@dataclass(slots=True)
 class TrackLine:
     """Tracks that continue one another, or one alone: which is at work, where its last packet
     ended, and the ``spans`` of all of them. ``free``: of events, whose packets come in any order,
@@ -170,18 +170,23 @@ class TrackLine:
 
 def lines_of(catalogue: Catalogue) -> dict[int, tuple[TrackLine, int]]:
     """By track, with its place in the line."""
-    tracks = catalogue.tracks
-    rows: list[tuple[int, ...]] = [(track,) for track in tracks]
-    for parts in catalogue.parts:
-        known = [part for part in parts if not part.track.unsupported]
-        rows.append(tuple(part.track.id for part in known))
-        residuals = [part.residual for part in known if part.residual]
-        rows.append(tuple(track.id for track in residuals if not track.unsupported))
     lines: dict[int, tuple[TrackLine, int]] = {}
-    for row in rows:
-        free = any(tracks[id_].kind == "events" or tracks[id_].unsupported for id_ in row)
-        line = TrackLine(row, free)
-        lines |= {track: (line, place) for place, track in enumerate(row)}
+    for parts in catalogue.parts:
+        if len(parts) == 1 and parts[0].residual is None:
+            continue
+        known = [part for part in parts if not part.track.unsupported]
+        residuals = [part.residual for part in known if part.residual]
+        for row in (
+            tuple([part.track.id for part in known]),
+            tuple([track.id for track in residuals if not track.unsupported]),
+        ):
+            line = TrackLine(row)
+            for place, id_ in enumerate(row):
+                lines[id_] = line, place
+    for id_, track in catalogue.tracks.items():
+        if id_ not in lines:
+            free = track.kind == "events" or bool(track.unsupported)
+            lines[id_] = TrackLine((id_,), free), 0
     return lines
 
 
@@ -302,7 +307,9 @@ class PacketPass:
             return
         at, size, seed = ref.offset + HEADER_SIZE, header.payload_size, header.cluster_seed
         payload = source.read_at(at, size)
-        if holds(header, payload):
+        # A walk without findings has checked it. The table and packets have CRCs of their own.
+        checked = ref.limit is None and not catalogue.damaged
+        if checked or holds(header, payload):
             try:
                 yield from parse_cluster(payload, catalogue.tracks, level, at, seed, known)
                 return

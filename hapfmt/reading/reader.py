@@ -8,8 +8,9 @@ from __future__ import annotations
 import os
 import warnings
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
+from math import ceil
 from typing import Any, BinaryIO
 
 from ..clocks import ClockMap, ClockObservation, on_channels
@@ -30,6 +31,7 @@ from ..limits import Limits
 from ..numbers import counted
 from ..numbers import exact as exact_number
 from ..recording import Event, Recording, observed_between, refuse_past_end
+from ..spool import MEMORY, Memory
 from ..threads import in_order, thread_count
 from .catalogue import Catalogue, ChannelRef, FalseIndexError, refuse_omission
 from .damage import DamageReport, LostSpan, damaged_areas, lost_within
@@ -110,6 +112,9 @@ def check_digested(catalogue: Catalogue, ids: Collection[int], at: int, *, harme
     if any(i in tracks and tracks[i].kind == "events" for i in ids):
         raise FormatError("Tracks of events have no checksum", requirement="DGS-001", offset=at)
 
+
+PLAUSIBLE = 64
+"""Values for each byte of a file, above which no room is made before they are decoded."""
 
 IN_FLIGHT = 1 << 19
 """Samples that are decoded ahead of those that are delivered, by all threads together; a packet of
@@ -309,6 +314,7 @@ class Reader(Closing):
         exact: bool = True,
         clocks: bool = True,
         progress: Callable[[int, int], None] | None = None,
+        store: Memory = MEMORY,
     ) -> Recording:
         """The recording, or some of its channels, seconds [start, stop) and one band of it.
 
@@ -318,7 +324,8 @@ class Reader(Closing):
         The clocks of a track refer to the first of the chosen channels that it holds. A part in
         time has the observations at start <= time < stop; ticks and maps stay as they are.
         ``clocks=False`` leaves clocks out. They may be anywhere in the file, so a part of a remote
-        file then needs fewer requests.
+        file then needs fewer requests. A :class:`hapfmt.spool.Spool` as ``store`` keeps the samples
+        on the disk.
         """
         if band not in BANDS:
             raise ParameterError(f"band is one of {', '.join(BANDS)}")
@@ -326,7 +333,9 @@ class Reader(Closing):
             self.scan()
         catalogue = self.catalogue
         chosen = self.select(channels)
-        assembly = self.assembly(chosen, start, stop, band=band, exact=exact, progress=progress)
+        assembly = self.assembly(
+            chosen, start, stop, band=band, exact=exact, progress=progress, store=store
+        )
         events = assembly.events()
         if start is not None and self._layers:
             lost = self.lost
@@ -336,8 +345,9 @@ class Reader(Closing):
         if self.catalogue is not catalogue:
             # The index was false: other channels may be there.
             return self.read(
-                channels, start, stop, band=band, exact=exact, clocks=clocks, progress=progress
-            )
+                channels, start, stop, band=band, exact=exact, clocks=clocks, progress=progress,
+                store=store,
+            )  # fmt: skip
         head = self.catalogue.head
         own: dict[int | str | None, int] = {}
         for place, ref in enumerate(chosen):
@@ -368,10 +378,13 @@ class Reader(Closing):
         band: Band = "full",
         exact: bool = True,
         progress: Callable[[int, int], None] | None = None,
+        store: Memory = MEMORY,
     ) -> Assembly:
         """The decoded parts of some channels, before they are put together."""
         wanted = wanted_tracks(chosen, band)
-        decoded = {track.id: Decoded(track) for track in wanted}
+        whole = store.on_disk and start is None and stop is None
+        rows = self.expected_rows(wanted) if whole else {}
+        decoded = {track.id: Decoded(track, store, rows.get(track.id, 0)) for track in wanted}
         samples = 0
         assembly = Assembly(decoded, band)
         digests = None
@@ -395,6 +408,12 @@ class Reader(Closing):
         if digests is not None:
             digests.compare({span.track for span in self.lost})
         return assembly
+
+    def expected_rows(self, tracks: Sequence[Track]) -> dict[int, int]:
+        """By track, the ticks of the whole recording; none where few of them can have samples."""
+        rows = {track.id: ceil(self.duration * track.rate) for track in tracks}
+        values = sum(rows[track.id] * len(track.components) for track in tracks)
+        return rows if values <= PLAUSIBLE * self.source.size else {}
 
     def events(
         self,
@@ -478,13 +497,20 @@ class Reader(Closing):
         # that breaks a rule is treated.
         threads = 1
         if not (self.catalogue.damaged or self.catalogue.indexed):
-            seconds = self.catalogue.duration
-            samples = sum(int(seconds * t.rate) * len(t.components) for t in tracks if t.channels)
-            threads = thread_count(self.threads, samples)
+            seconds = float(self.catalogue.duration)
+            samples = [
+                seconds * t.rate.numerator / t.rate.denominator * len(t.components)
+                for t in tracks
+                if t.channels
+            ]
+            threads = thread_count(self.threads, int(sum(samples)))
         known = {id_: decoder.track for id_, decoder in decoders.items()}
         found = self.packets(ranges, start, stop, progress)
         packets = (packet for packet in found if packet.track in known)
-        jobs = batches(packets, known, self.limits, BATCH if threads > 1 else 1)
+        if threads == 1:
+            yield from self.one_by_one(decoder, packets, known)
+            return
+        jobs = batches(packets, known, self.limits, BATCH)
         for batch, pieces in in_order(
             lambda job: (job, decode(job)), jobs, threads, lambda job: job.weight / IN_FLIGHT
         ):
@@ -496,6 +522,26 @@ class Reader(Closing):
                     raise piece
                 # In a damaged file a broken rule is part of the damage (SPEC clause 14).
                 self.lose_packet(packet, piece)
+
+    def one_by_one(
+        self, decoder: PieceDecoder, packets: Iterable[Packet], tracks: Mapping[int, Track]
+    ) -> Iterator[DecodedPiece]:
+        """As :meth:`pieces`, in the thread of the caller."""
+        work = 0
+        for packet in packets:
+            samples = tracks[packet.track].weight(packet.span, len(packet.data))
+            work += samples
+            self.limits.check("packet_samples", samples)
+            self.limits.check("work_samples", work)
+            try:
+                piece = decoder.decode(packet)
+            except FormatError as error:
+                if not self.catalogue.damaged:
+                    raise
+                # In a damaged file a broken rule is part of the damage (SPEC clause 14).
+                self.lose_packet(packet, error)
+                continue
+            yield piece
 
     def packets(
         self,
@@ -579,7 +625,7 @@ class Reader(Closing):
 
 
 def read(
-    file: str | os.PathLike[str] | bytes | BinaryIO,
+    file: str | os.PathLike[str] | bytes | BinaryIO | ByteSource,
     channels: Sequence[str | int] | str | int | None = None,
     start: Seconds | None = None,
     stop: Seconds | None = None,

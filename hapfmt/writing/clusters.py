@@ -199,9 +199,8 @@ def pieces_of(rows: Sequence[SampleRows]) -> Iterator[SamplePiece]:
         lanes.setdefault(part.channels, []).append(part)
     found: dict[int, list[SamplePiece]] = {}
     for channels, parts in lanes.items():
-        for start, values in joined([(part.start, part.values) for part in parts]):
-            holes = values.dtype.kind == "f" and bool(np.isnan(values).any())
-            columns = np.ascontiguousarray(values.T)
+        for start, columns in joined([(part.start, part.values.T) for part in parts]):
+            holes = columns.dtype.kind == "f" and bool(np.isnan(columns).any())
             for channel, column in zip(channels, columns, strict=True):
                 parts_of = found.setdefault(channel, [])
                 if holes:
@@ -216,16 +215,25 @@ def pieces_of(rows: Sequence[SampleRows]) -> Iterator[SamplePiece]:
 
 
 def joined(parts: Sequence[tuple[int, NDArray[Any]]]) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Adjacent parts as one, from the first one's tick."""
+    """Adjacent parts [..., samples] as one, from the first one's tick."""
     at = 0
     while at < len(parts):
         start = stop = parts[at][0]
         run = []
         while at < len(parts) and parts[at][0] == stop:
             run.append(parts[at][1])
-            stop += len(parts[at][1])
+            stop += parts[at][1].shape[-1]
             at += 1
-        yield start, run[0] if len(run) == 1 else np.concatenate(run)
+        if len(run) == 1:
+            yield start, np.ascontiguousarray(run[0])
+            continue
+        # Part by part, because that transposes rows of many channels in the cache.
+        whole = np.empty((*run[0].shape[:-1], stop - start), np.result_type(*run))
+        filled = 0
+        for part in run:
+            whole[..., filled : filled + part.shape[-1]] = part
+            filled += part.shape[-1]
+        yield start, whole
 
 
 def known(channel: int, start: int, values: NDArray[Any]) -> Iterator[SamplePiece]:

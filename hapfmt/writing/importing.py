@@ -92,7 +92,7 @@ def read_if_small(
     if not whole and found.size > min(STREAMED, limits.memory or STREAMED):
         return found
     try:
-        return found.recording(options.max_memory, options.progress)
+        return found.recording(options.max_memory, options.progress, options.store)
     except LimitError as error:
         if not whole:
             raise

@@ -182,7 +182,7 @@ def write(
     if settings is not None and (preset is not None or options):
         raise ParameterError("give settings, or a preset with options, not both")
     if isinstance(settings, str):
-        raise ParameterError(f"settings is no preset; write preset={settings!r}")
+        raise ParameterError(f"settings are no text; to name a preset, write preset={settings!r}")
     if settings is None:
         if preset is not None and (old := alias_note(preset)):
             warnings.warn(old, DeprecationWarning, stacklevel=2)
