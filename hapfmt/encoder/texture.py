@@ -32,7 +32,7 @@ from .synthetic import with_synthetic
 from .unit import Unit, bound_of, decode_all, in_coarser_counts, whole_range
 from .ways import CodedTrial, Way, other_ways, predicted_ways
 
-NARROWER, JUMPS, TRIES = 0.8, 2.0, 16
+NARROWER, JUMPS, TRIES = 0.8, 5.0, 16
 """Where the slow part leaves its deadband, the step becomes NARROWER, or where that is far off as
 narrow as leaves it JUMPS times. The interval to a step that leaves it is halved once."""
 
