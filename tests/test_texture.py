@@ -394,6 +394,20 @@ class TestOneCodec:
             codecs = {track.codec for track in reader.catalogue.tracks.values()}
         assert codec in codecs and other not in codecs
 
+    @pytest.mark.parametrize("codec", ["LPCR", "MDCT"])
+    def test_where_the_threshold_decides(self, codec):
+        """20 dB ask for errors below the threshold: a transform once was not tried there."""
+        slow = slow_for_telling(texture()[:, None], 1000.0)[:, 0]
+        x = slow + 0.015 * (texture() - slow)
+        recording, stream = Recording((counted(x, step=20_000),)), io.BytesIO()
+        settings = Settings.of("perceptual", texture_codec=codec, smallest=False)
+        (decision,) = hapfmt.write(recording, stream, settings, canonical=1).decisions
+        with hapfmt.Reader(stream.getvalue()) as reader:
+            assert [track.codec for track in reader.catalogue.tracks.values()] == [codec]
+        floor = 0.002 * np.ptp(recording.channels[0].samples())
+        assert decision.snr_hf_db < 20 and decision.missed == "errors stay below the threshold"
+        assert 0.9 * floor < decision.largest_error <= floor
+
     def test_the_default_is_the_smaller(self):
         sizes = {
             codec: decided(counted(texture()), snr=15, texture_codec=codec)[2]

@@ -83,7 +83,7 @@ def encode_textured(
         return replace(alone, missed=NO_TEXTURE)
     if target.synthetic:
         return encode_synthetic(felt, first_channel, promise)
-    best: Unit | None = None
+    best = fallback = None
     if felt.fine and target.threshold_is_enough:
         promise = replace(promise, k=Fraction(0))
         measure = felt.measure
@@ -95,7 +95,9 @@ def encode_textured(
         assert alone
         samples = decoded(alone)
         if felt.holds(samples):
-            best = reported(alone, felt, samples, THRESHOLD if of_threshold else DEADBAND)
+            fallback = reported(alone, felt, samples, THRESHOLD if of_threshold else DEADBAND)
+        if target.codec != "MDCT" or alone.base.track.codec != "LPCR":
+            best = fallback
         if of_threshold and not pays(felt, alone.size) and not target.codec:
             return best
     ways = predicted_ways(felt, original, first_channel, promise)
@@ -107,12 +109,12 @@ def encode_textured(
         hopeless = best and way.bits is not None and way.bits > HOPE * 8 * best.cost
         if not (hopeless and target.codec is None) and (trial := widest(way, felt)):
             best = coded(trial, felt, best)
-    return best
+    return best or fallback
 
 
 def pays(felt: FeltChannel, size: int) -> bool:
     """Whether a transform may take fewer bytes than a grid on which each error is below the
-    threshold, although its largest errors are larger beside the others."""
+    threshold, although its errors have larger peaks."""
     more = log2(felt.floor**2 / 3 / (felt.power * felt.measure.noise)) / 2
     return more < PAYS + PAYS_MORE * 8 * size / max(felt.x.size, 1)
 
