@@ -142,8 +142,7 @@ def _by_sections(
     y: NDArray[np.float64], ratio: float, filter: Filter, padding: int
 ) -> NDArray[np.float64]:
     """Forward, then backward; each pass begins as if its first value had lasted forever."""
-    sections = _sections(_pass_cutoff(ratio, filter), filter)
-    steady = _steady(sections)
+    sections, steady = _pass(_pass_cutoff(ratio, filter), filter)
     rows = y.reshape(y.shape[0], -1).T
     rows = np.pad(rows, [(0, 0), (padding, padding)], mode="reflect")
     for _ in range(2):
@@ -205,6 +204,13 @@ def _sections(cutoff: float, filter: Filter) -> NDArray[np.float64]:
         )
     sections[0, :3] *= gain
     return sections
+
+
+@lru_cache(maxsize=8)
+def _pass(cutoff: float, filter: Filter) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The sections, and the state of each after ones from the beginning of time."""
+    sections = _sections(cutoff, filter)
+    return sections, _steady(sections)
 
 
 def _steady(sections: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -219,7 +219,8 @@ class TestTwins:
         expected = by_the_twin(encoder, trellis, targets, *coding, weight)
         assert found.magnitudes.tolist() == expected.magnitudes.tolist()
         assert found.seen.tolist() == expected.seen.tolist()
-        assert found.cost == expected.cost
+        assert (found.errors, found.bits) == (expected.errors, expected.bits)
+        assert found.cost(3) == found.errors + 3 * found.bits
         assert isinstance(found, Quantised) and found.seen.sum() == targets.size
 
     def test_magnitudes_of_34_bits_are_refused(self):

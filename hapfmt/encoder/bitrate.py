@@ -27,12 +27,15 @@ BEYOND = 1.05
 
 
 def bits_at(db: float) -> float:
-    """About twice the bits a sample of a texture of this quality; sizes are near to a line over it."""
+    """About twice the bits a sample of a texture of this quality; sizes go about along it."""
     return log2(1 + 10 ** (db / 10))
 
 
+MOST_BITS = bits_at(MOST_DB)
+
+
 def db_of(bits: float) -> float:
-    return 10 * log10(max(2**bits - 1, 1e-9))
+    return 10 * log10(max(2 ** min(bits, MOST_BITS) - 1, 1e-9))
 
 
 def fill(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..metrics import MOVES, Quantity
 from ..recording import Calibration, Channel
-from ..split import PADDING_PERIODS, slow_for_telling
+from ..split import PADDING_PERIODS, SECTIONS_RATIO, low_pass, slow_for_telling
 from .plan import Promise, quantity_of, without_glitches
 from .quality import Measure, ThresholdMeasure, measure_of
 from .source import InputBlock
@@ -20,6 +20,9 @@ Doubles = NDArray[np.float64]
 
 STRETCH = 1 << 18
 """Samples that are filtered at a time."""
+
+ALIKE_RATIO = 0.2
+"""Up to this cutoff / rate the filter by sections gives the same, in half the time."""
 
 RESOLVED = 1e-12
 """Share of the largest value that rounding leaves where the slow part is the signal itself."""
@@ -170,6 +173,9 @@ def slow_of(x: Doubles, source: InputBlock, cutoff_hz: float) -> Doubles:
         for start in range(rows.start, rows.stop, STRETCH):
             stop = min(start + STRETCH, rows.stop)
             first, last = max(start - margin, rows.start), min(stop + margin, rows.stop)
-            slow = slow_for_telling(x[first:last, None], rate, cutoff_hz)[:, 0]
+            if SECTIONS_RATIO <= cutoff_hz / rate <= ALIKE_RATIO:
+                slow = low_pass(x[first:last], rate, cutoff_hz)
+            else:
+                slow = slow_for_telling(x[first:last, None], rate, cutoff_hz)[:, 0]
             out[start:stop] = slow[start - first : stop - first]
     return out

@@ -32,7 +32,7 @@ from .synthetic import with_synthetic
 from .unit import Unit, bound_of, decode_all, in_coarser_counts, whole_range
 from .ways import CodedTrial, Way, other_ways, predicted_ways
 
-NARROWER, JUMPS, TRIES = 0.8, 2.0, 16
+NARROWER, JUMPS, TRIES = 0.8, 5.0, 16
 """Where the slow part leaves its deadband, the step becomes NARROWER, or where that is far off as
 narrow as leaves it JUMPS times. The interval to a step that leaves it is halved once."""
 
@@ -56,7 +56,7 @@ ALIKE = 1.15
 PAYS, PAYS_MORE = 0.25, 0.15
 """Bits a sample, and share of those of the grid, that a transform may save at one mean error."""
 
-NARROWER_ESTIMATE = 0.98
+NARROWER_ESTIMATE = 0.97
 
 LEAST_POWER, MOST_POWER = 0.3, 6.0
 
@@ -83,7 +83,7 @@ def encode_textured(
         return replace(alone, missed=NO_TEXTURE)
     if target.synthetic:
         return encode_synthetic(felt, first_channel, promise)
-    best: Unit | None = None
+    best = fallback = None
     if felt.fine and target.threshold_is_enough:
         promise = replace(promise, k=Fraction(0))
         measure = felt.measure
@@ -95,7 +95,9 @@ def encode_textured(
         assert alone
         samples = decoded(alone)
         if felt.holds(samples):
-            best = reported(alone, felt, samples, THRESHOLD if of_threshold else DEADBAND)
+            fallback = reported(alone, felt, samples, THRESHOLD if of_threshold else DEADBAND)
+        if target.codec != "MDCT" or alone.base.track.codec != "LPCR":
+            best = fallback
         if of_threshold and not pays(felt, alone.size) and not target.codec:
             return best
     ways = predicted_ways(felt, original, first_channel, promise)
@@ -107,12 +109,12 @@ def encode_textured(
         hopeless = best and way.bits is not None and way.bits > HOPE * 8 * best.cost
         if not (hopeless and target.codec is None) and (trial := widest(way, felt)):
             best = coded(trial, felt, best)
-    return best
+    return best or fallback
 
 
 def pays(felt: FeltChannel, size: int) -> bool:
     """Whether a transform may take fewer bytes than a grid on which each error is below the
-    threshold, although its largest errors are larger beside the others."""
+    threshold, although its errors have larger peaks."""
     more = log2(felt.floor**2 / 3 / (felt.power * felt.measure.noise)) / 2
     return more < PAYS + PAYS_MORE * 8 * size / max(felt.x.size, 1)
 
@@ -253,9 +255,13 @@ def widest(way: Way, felt: FeltChannel) -> CodedTrial | None:
         power = grown if is_plausible(grown) else power
         before = step, error
         step = min(next_step(low, high, allowed * (1 + near) / 2, power), max(most, step))
-    while best and felt.measure.error(best.samples) > allowed:
-        # An estimate that was too low.
+    for _ in range(TRIES):
+        if best is None or felt.measure.error(best.samples) <= allowed:
+            break
+        # An estimate was too low.
         best = way.at(NARROWER_ESTIMATE * best.step)
+    else:
+        return None
     if best is None:
         return None
     excess = felt.slow_excess(best.samples)

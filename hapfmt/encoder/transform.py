@@ -306,7 +306,8 @@ def sampled(coefficients: Doubles, steps: Integers, weight: int = LAMBDA) -> Sam
     """What the trellis finds in some of the blocks."""
     size = max(SAMPLE, coefficients.size // SAMPLE_SHARE)
     count = max(size // coefficients.shape[1], RUN)
-    rows = coefficients[sample_of(len(coefficients), count)]
+    bits = np.log2(1 + np.abs(coefficients) / steps).sum(axis=1)
+    rows = coefficients[sample_of(bits, count)]
     whole = targets_of(rows, steps)
     scaled = kept_part(whole, KEPT)
     dropped = float(np.square(whole[:, scaled.shape[1] :] / SCALE).sum())
@@ -326,13 +327,16 @@ def sampled(coefficients: Doubles, steps: Integers, weight: int = LAMBDA) -> Sam
     return Sampled(rows, classes, dropped + found.errors / SCALE**2, found.bits / 256)
 
 
-def sample_of(size: int, count: int) -> NDArray[np.intp]:
-    """Places of about ``count`` of ``size`` blocks, in runs of neighbours."""
-    if size <= count:
-        return np.arange(size)
+def sample_of(bits: Doubles, count: int) -> NDArray[np.intp]:
+    """Places of at most ``count`` blocks, in runs of neighbours that take as many bits each."""
+    if bits.size <= count:
+        return np.arange(bits.size)
+    starts = np.arange(0, bits.size, RUN)
+    sums = np.add.reduceat(bits, starts).cumsum()
     runs = count // RUN
-    starts = np.arange(runs) * (size - RUN) // max(runs - 1, 1)
-    return np.unique(starts[:, None] + np.arange(RUN))
+    found = np.unique(np.searchsorted(sums, (np.arange(runs) + 0.5) / runs * sums[-1]))
+    places = starts[np.minimum(found, starts.size - 1), None] + np.arange(RUN)
+    return np.asarray(places[places < bits.size])
 
 
 def kept_part(rows: Integers, least: int) -> Integers:

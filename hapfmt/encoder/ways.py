@@ -445,8 +445,8 @@ class Lapped:
         self.felt, self.count, self.rate = felt, count, float(source.rate)
         noise = (felt.first_step / count) ** 2 / 12
         self.size, self.blocks = best_blocks(source, noise)
-        self.spread = Spread.of(sizes_of(self.blocks))
-        step = self.spread.step_for(2 * noise / self.size)
+        self.coefficient_sizes = CoefficientSizes.of(sizes_of(self.blocks))
+        step = self.coefficient_sizes.step_for(2 * noise / self.size)
         self.classes, factor = [STARTS[0]] * len(self.blocks), 1.0
         self.bits = 0.0
         """About what the coefficients take."""
@@ -455,12 +455,12 @@ class Lapped:
         with suppress(ValueError):
             some = sampled(rows, parameters.steps)
             self.classes = [some.classes] * len(self.blocks)
-            expected = Spread.of(np.abs(some.rows).reshape(-1) / UNIT)
+            expected = CoefficientSizes.of(np.abs(some.rows).reshape(-1) / UNIT)
             known = expected.noise(step)
             found = some.errors * step**2 / some.rows.size
             if found:
-                factor = (BELOW * known / found) ** (1 / self.spread.power(step))
-            self.bits = some.bits * self.spread.bits(step) / max(expected.bits(step), 1)
+                factor = (BELOW * known / found) ** (1 / self.coefficient_sizes.power(step))
+            self.bits = some.bits * self.coefficient_sizes.bits(step) / max(expected.bits(step), 1)
         self.first = step * factor * sqrt(2 * self.size) * count
         """The step of a uniform grid with about the same error, in the unit."""
         self.trials = 0
@@ -569,7 +569,9 @@ def best_blocks(source: InputBlock, noise: float) -> tuple[int, list[Transformed
     """The size of blocks whose coefficients take the fewest bits, and these. Sizes twice as large
     are tried while they are better, or sizes half as large."""
     found = {FIRST_SIZE: list(blocks_of(source, FIRST_SIZE))}
-    step = max(Spread.of(sizes_of(found[FIRST_SIZE])).step_for(2 * noise / FIRST_SIZE), 1e-9)
+    step = max(
+        CoefficientSizes.of(sizes_of(found[FIRST_SIZE])).step_for(2 * noise / FIRST_SIZE), 1e-9
+    )
 
     def cost(size: int) -> float:
         if size not in found:
@@ -601,7 +603,7 @@ def sizes_of(blocks: Sequence[Transformed]) -> Doubles:
 
 
 @dataclass(frozen=True)
-class Spread:
+class CoefficientSizes:
     """How large coefficients are: those up to each edge, a quarter of an octave apart.
 
     ``counts`` and ``energy`` of those below an edge.
@@ -612,7 +614,7 @@ class Spread:
     energy: Doubles
 
     @classmethod
-    def of(cls, sizes: Doubles) -> Spread:
+    def of(cls, sizes: Doubles) -> CoefficientSizes:
         # The exponent and two bits of the mantissa of a binary32.
         places = sizes.astype(np.float32).view(np.int32) >> EDGE_SHIFT
         first, last = int(places.min(initial=0)), int(places.max(initial=0)) + 1
