@@ -85,7 +85,7 @@ EFFORTS: dict[EffortName, Effort] = {
         polynomials=False,
     ),
     "default": Effort(),
-    "best": Effort(every_form=True, every_sample=True, written=6, lines=True),
+    "best": Effort(every_form=True, every_sample=True, other_orders=True, written=6, lines=True),
 }
 
 SEARCHES = tuple(field.name for field in fields(Effort) if field.type == "bool")
