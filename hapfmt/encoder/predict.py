@@ -208,7 +208,7 @@ class Choice:
         return np.asarray(x - np.rint(sums + MORE))
 
     def loudness(self, errors: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-        """One over the loudness of each part and those beside it."""
+        """One over the loudness of each part and its neighbours."""
         starts = np.arange(0, self.size, PART)
         least = np.min([np.add.reduceat(np.abs(e), starts) for e in errors], axis=0)
         loud = least / np.diff(np.append(starts, self.size)) + SHARE
