@@ -228,7 +228,7 @@ def encode_bounded(
     if len(source.channels) > 1:
         ways = vector_ways(source, bound)
     elif effort and effort.every_form:
-        ways = scalar_ways(source, bound)[: KNOT_WAYS if knots_alone else None]
+        ways = scalar_ways(source, bound, effort)[: KNOT_WAYS if knots_alone else None]
     else:
         ways = likely_ways(source, base, bound, knots_alone=knots_alone)
     best: tuple[Coded, str] | None = None
@@ -248,7 +248,7 @@ def contract_for(band: Deadband) -> Contract:
     return Contract(band.kn, band.kd, band.vector, True, band.floor, band.zero)
 
 
-def scalar_ways(source: InputBlock, bound: Bound) -> list[Way]:
+def scalar_ways(source: InputBlock, bound: Bound, effort: Effort | None = None) -> list[Way]:
     """The ways to code one channel; quick ones come first."""
     even, grid = even_grid(bound), grid_within(bound)
     ways: list[Way] = [
@@ -259,9 +259,9 @@ def scalar_ways(source: InputBlock, bound: Bound) -> list[Way]:
     if grid.kn:
         growing = "each sample from those before, in steps that grow with the value"
         ways.append((growing, lambda base, smallest: code_grid(
-            source, base, grid, nearest_level, smallest)))  # fmt: skip
+            source, base, grid, nearest_level, smallest, effort=effort)))  # fmt: skip
     ways.append(("each sample from those before, in equal steps", lambda base, smallest: code_grid(
-        source, base, even, nearest_uniform, smallest)))  # fmt: skip
+        source, base, even, nearest_uniform, smallest, effort=effort)))  # fmt: skip
     return ways
 
 
