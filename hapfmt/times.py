@@ -259,11 +259,15 @@ class TimeStamps:
         if self.span <= 0:
             raise ParameterError("the last time is not after the first; give a rate (rate=)")
         exact, rounded = self.noise, self.noise + self.resolution / 2
-        whole, *gappy = _hypotheses(times, np.frombuffer(self._steps), numbers)
+        lines = _hypotheses(times, np.frombuffer(self._steps), numbers)
+        whole = next(lines)
+        # Regular times need no other lines, which take memory.
+        if (simple := whole.rate_within(self.span, exact)) is not None:
+            return self._on_line(whole, checked_rate(simple), exact, is_exact=True)
+        gappy = list(lines)
         likely = [line for line in gappy if self._is_likely(line)]
         full = [line for line in gappy if line.is_mostly_full]
         for line, tolerance in (
-            (whole, exact),
             *((line, exact) for line in likely),
             (whole, rounded),
             *((line, rounded) for line in likely),
