@@ -254,12 +254,12 @@ def print_searches(
             for kind in kinds:
                 members = [each for name, each in recordings if kind_of(name) == kind]
                 found[kind] = price(*compared(members, given, search, repeats))
-            if all(abs(size) < SHOWN for size, _ in found.values()):
+            failed = [k for k in kinds if found[k][0] < GAIN and found[k][1] > COST]
+            if not failed and all(abs(size) < SHOWN for size, _ in found.values()):
                 continue
             most = max(kinds, key=lambda kind: found[kind][0])
             dear = max(kinds, key=lambda kind: found[kind][1] * (found[kind][0] < GAIN))
             gain, cost = (sum(each[i] for each in found.values()) / len(found) for i in (0, 1))
-            failed = [k for k in kinds if found[k][0] < GAIN and found[k][1] > COST]
             rows.append(
                 [preset, search.replace("_", " "), f"{gain:.2f}", f"{cost:.0f}",
                  f"{most}: {found[most][0]:.1f} / {found[most][1]:.0f}",
