@@ -256,7 +256,7 @@ def encode(
 
 
 def no_progress(_done: int, _all: int) -> None:
-    """Tell nobody."""
+    """Report nothing."""
 
 
 def with_weights(encoded: Encoded) -> Encoded:
