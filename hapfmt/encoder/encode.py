@@ -241,9 +241,7 @@ def encode(
     if settings.st_sim is not None and not find_spec("vibromaf"):
         raise MissingExtraError("vibromaf", "metrics")
     size_of = size_of or about
-    encoding = Encoding(
-        recording, settings, progress or no_progress, threads, size_of
-    )
+    encoding = Encoding(recording, settings, progress or no_progress, threads, size_of)
     if settings.bitrate is None or not encoding.textures:
         return with_weights(encoding.finish(encoding.parts))
     return with_weights(
@@ -856,10 +854,7 @@ def encode_source(
         unit = found or without_loss(original, first_channel, job)
     else:
         unit = encode_within(members[0], source, base, first_channel, promise, settings.searches)
-    unit.least = unit.least or sum(
-        lossless_bits(replace(source, channels=(each,), counts=counts[:, place : place + 1]))
-        for place, each in enumerate(source.channels)
-    )
+    unit.least = unit.least or sum(map(lossless_bits, counts.T))
     return unit
 
 
@@ -889,7 +884,7 @@ def encode_within(
     if fine is None:
         return unit
     finer = InputBlock((fine.channel,), fine.channel.stored[:, None], source.spans)
-    unit.least = lossless_bits(finer)
+    unit.least = lossless_bits(fine.channel.stored)
     base = whole_range(finer, first_channel)
     knots = encode_bounded(finer, base, promise, unit.size, knots_alone=True, effort=effort)
     if knots is None:
