@@ -78,7 +78,7 @@ def encode_textured(
     target = promise.texture
     assert target is not None
     if felt.silent if target.drops_silence else felt.smooth:
-        alone = encode_bounded(source, base, promise)
+        alone = encode_bounded(source, base, promise, effort=searches)
         assert alone
         return replace(alone, missed=NO_TEXTURE)
     if target.synthetic:
@@ -91,7 +91,7 @@ def encode_textured(
         felt = replace(felt, measure=ThresholdMeasure(measure, measure.x, felt.floor))
     of_threshold = felt.threshold_decides
     if of_threshold or felt.deadband_may_do:
-        alone = encode_bounded(source, base, promise)
+        alone = encode_bounded(source, base, promise, effort=searches)
         assert alone
         samples = decoded(alone)
         if felt.holds(samples):
