@@ -205,8 +205,9 @@ THRESHOLD = "errors stay below the threshold"
 
 def reported(unit: Unit, felt: FeltChannel, samples: Doubles, why: str) -> Unit:
     """With the quality that was reached, and why that is another one than was asked for."""
-    missed = felt.measure.note or ("" if felt.measure.close(samples) else why)
-    return replace(unit, reached=felt.measure.value(samples), missed=missed)
+    reached = felt.measure.value(samples)
+    missed = felt.measure.note or ("" if felt.measure.close(reached) else why)
+    return replace(unit, reached=reached, missed=missed)
 
 
 def decoded(unit: Unit) -> Doubles:
