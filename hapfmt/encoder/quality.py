@@ -35,8 +35,8 @@ SIMILARITY_S = 30
 """ST-SIM is measured on at most this many seconds, from the middle of the longest run."""
 
 
-NEAR_ENOUGH = 0.975
-"""A search ends this near to the largest allowed error: 0.1 dB."""
+NEAR_ENOUGH = 0.965
+"""A search ends this near to the largest allowed error: 0.15 dB."""
 
 SHARE_OF_DB = 0.75 * CLOSE
 """... or at this share of a target in dB, where that is less."""
