@@ -278,18 +278,9 @@ def decode_component(
     coded, at, steps = data[position:], offset + position, parameters.steps[:count]
     if compiled is not None:
         status, taken = compiled.mdct_decode(
-            coded,
-            tiles(size),
-            pairs(size),
-            window(size),
-            steps,
-            classes,
-            start,
-            base,
-            low,
-            high,
-            out,
-        )
+            coded, tiles(size), pairs(size), window(size), steps, classes, start,
+            base, low, high, out,
+        )  # fmt: skip
         if status:
             requirement, message = STATUS[status]
             place = at + min(taken, len(coded))
