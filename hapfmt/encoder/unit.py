@@ -123,6 +123,9 @@ def run_symbols(runs: NDArray[np.int64], classes: int) -> tuple[int, NDArray[np.
     return int(by_class[0]), by_class[1:]
 
 
+KEPT = 1 << 20
+"""Decoded counts that a unit keeps at most."""
+
 ENCODE_LEVEL = LEVELS[2]
 """The bounds for any track, before the file's level is decided."""
 
@@ -297,7 +300,9 @@ def decode_all(coded: Coded, components: int) -> NDArray[np.int64]:
     """What the decoder makes of the packets: counts [ticks, components]."""
     decoder = TrackDecoder(coded.track, ENCODE_LEVEL)
     parts = [decoder.decode(packet).astype(np.int64) for packet in coded.packets]
-    return np.concatenate([np.zeros((0, components), np.int64), *parts])
+    found = np.concatenate([np.zeros((0, components), np.int64), *parts])
+    coded.decoded = found if found.size <= KEPT else None
+    return found
 
 
 def code_knots(
@@ -521,6 +526,9 @@ def decoded_pieces(unit: Unit) -> Iterator[NDArray[np.int64]]:
     base = TrackDecoder(unit.base.track, ENCODE_LEVEL)
     low, high = unit.base.track.count_min, unit.base.track.count_max
     if unit.residual is None:
+        if unit.base.decoded is not None:
+            yield unit.base.decoded
+            return
         for packet in unit.base.packets:
             yield base.decode(packet).astype(np.int64)
         return
