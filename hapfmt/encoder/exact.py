@@ -144,7 +144,7 @@ def encode_doubles(
     x, effort = search.values, effort or EFFORTS["default"]
     if not x.size or not search.facts.finite:
         return otherwise()
-    candidate = natural_candidate(search, exact, polynomials=effort.polynomials)
+    candidate = natural_candidate(search, exact, effort)
     natural = coded_as(channel, x, spans, first_channel, candidate, effort)
     search.forget()
     if natural and 8 * natural.size < CHEAP * x.size:
@@ -250,7 +250,7 @@ def coded_as(
 
 
 def natural_candidate(
-    search: LatticeSearch, exact: Lattice | None, *, polynomials: bool = True
+    search: LatticeSearch, exact: Lattice | None, effort: Effort
 ) -> Candidate | None:
     """The natural grid and the rule with the shortest corrections, by distinct values."""
     if search.has_negative_zero:
@@ -281,11 +281,14 @@ def natural_candidate(
             break
     if not found:
         return None
-    near, best = found.near, found.way
-    if polynomials and found.bits >= ROUNDED * near.counts.size:
-        for way in (*cubic_ways(near), *decimal_way(near, u, search.values)):
-            found = better(found, way, near)
-            best = found.way if found else best
+    near = found.near
+    if effort.decimals and found.bits >= ROUNDED * near.counts.size:
+        for way in decimal_way(near, u, search.values):
+            found = better(found, way, near) or found
+    if effort.polynomials and found.bits >= ROUNDED * near.counts.size:
+        for way in cubic_ways(near):
+            found = better(found, way, near) or found
+    best = found.way
     counts, largest, _ = nearest_within(search.values, best.calibration, inf)
     how = f"step {float(best.calibration.step):.10g}{best.how}, missed by {largest:.3g} at most"
     return replace(best, counts=counts.astype(np.int64), how=how)
