@@ -37,7 +37,10 @@ class Effort:
     """Predictors are also of the samples where their differences are hardly smaller."""
 
     polynomials: bool = True
-    """Doubles near to a grid are tried as a polynomial of their counts, and as decimals."""
+    """Doubles near to a grid are tried as a polynomial of their counts."""
+
+    decimals: bool = True
+    """Doubles near to a grid are tried as decimals."""
 
     every_form: bool = False
     """Doubles, channels with an error, and channels that are linked, are written in each form, not
@@ -79,7 +82,6 @@ EFFORTS: dict[EffortName, Effort] = {
         references=False,
         relations=False,
         cuts=False,
-        high_orders=False,
         plain_sums=False,
         undifferenced=False,
         polynomials=False,
