@@ -152,7 +152,7 @@ def test_the_price_of_a_search_is_what_is_lost_and_saved_without_it():
     walks = speeds.walks()
     with without("cuts"):
         assert not Settings().searches.cuts
-        data = speeds.write(speeds.shortened(walks, 100), {})
+        data = speeds.file_of(speeds.shortened(walks, 100), {})
     assert Settings().searches.cuts
     assert hapfmt.read(data).sample_count == 22 * 100
 

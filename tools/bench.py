@@ -329,11 +329,12 @@ def tell(rows: Sequence[Row]) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Of --speed: times alone.")
 @click.option("--searches", is_flag=True, help="What each search gains and costs.")
 @click.option("--against", metavar="COMMIT", help="Times here and at another commit.")
+@click.option("--write", is_flag=True, help="Put these tables into docs/measuring.md.")
 @click.option("--picture", type=click.Path(path_type=Path), help="Size against time.")
 def main(
     data: Path | None, simulated: bool, seconds: float, task: str, ks: str, only: str,
     rate: str | None, repeats: int, csv_path: Path | None, speed: bool, as_json: bool,
-    searches: bool, against: str | None, picture: Path | None,
+    searches: bool, against: str | None, write: bool, picture: Path | None,
 ) -> None:  # fmt: skip
     tasks, weber = task.split(","), ks.split(",")
     if unknown := set(tasks) - set(TASKS):
@@ -350,7 +351,7 @@ def main(
         integers = [(name, counts) for name, each in found if (counts := in_counts(each))]
         cases = speeds.cases_of(integers, data or DATA)
         if searches:
-            speeds.print_searches(integers, repeats)
+            speeds.print_searches(integers, repeats, write=write)
         elif against:
             chosen = ["--simulated", "--seconds", str(seconds)] if simulated else []
             given = [str(data.resolve())] if data else []
@@ -358,7 +359,7 @@ def main(
         elif picture:
             speeds.draw(cases, picture, repeats)
         else:
-            speeds.print_times(cases, repeats, as_json=as_json)
+            speeds.print_times(cases, repeats, as_json=as_json, write=write)
         if not as_json:
             print(origin())
         return

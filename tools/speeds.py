@@ -16,13 +16,14 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from installed import ROOT, environment
 
 import numpy as np
-from measured import DATA, print_table, timed
+from measured import DATA, print_table, timed, write_rows
 from peers.exact import flac_decode, flac_encode, narrow, pcodec_decode, pcodec_encode
 from peers.packages import installed as has
 from peers.packages import module
@@ -61,6 +62,9 @@ WARM = 500
 """Samples a channel that are coded first."""
 
 STEPS = ("encode", "decode")
+SHOWN = 0.02
+"""Percent of size below which a search has no row."""
+
 GAIN, COST = 1.0, 10.0
 """Percent of size that a search must gain, or percent of time that it may cost."""
 
@@ -123,7 +127,7 @@ def run_flac(recording: hapfmt.Recording, repeats: int = 3, level: int = 8) -> F
     return Flac(encode_s, decode_s, sum(map(len, blobs)))
 
 
-def write(recording: hapfmt.Recording, given: dict[str, Any]) -> bytes:
+def file_of(recording: hapfmt.Recording, given: dict[str, Any]) -> bytes:
     stream = io.BytesIO()
     settings = hapfmt.Settings.of(**given)
     hapfmt.write(recording, stream, settings, canonical=1, threads=1)
@@ -131,12 +135,12 @@ def write(recording: hapfmt.Recording, given: dict[str, Any]) -> bytes:
 
 
 def times_of(recording: hapfmt.Recording, repeats: int) -> Times:
-    write(shortened(recording, WARM), {})  # imports and first calls are no part of it
+    file_of(shortened(recording, WARM), {})  # imports and first calls are no part of it
     out: Times = {}
     for name, given in PRESETS.items():
         with suppress(TypeError):  # an older commit has no efforts
             before = run_flac(recording, repeats)
-            data, encode_s = timed(lambda g=given: write(recording, g), repeats)
+            data, encode_s = timed(lambda g=given: file_of(recording, g), repeats)
             _, decode_s = timed(lambda d=data: hapfmt.read(d, threads=1), repeats)
             after = run_flac(recording, repeats)
             out[name] = encode_s / min(before.encode_s, after.encode_s)
@@ -145,7 +149,7 @@ def times_of(recording: hapfmt.Recording, repeats: int) -> Times:
     return out
 
 
-def print_times(cases: Cases, repeats: int, *, as_json: bool = False) -> None:
+def print_times(cases: Cases, repeats: int, *, as_json: bool = False, write: bool = False) -> None:
     """The table of all presets, and the peaks of memory."""
     found = {name: times_of(recording, repeats) for name, recording in cases.items()}
     if as_json:
@@ -157,7 +161,10 @@ def print_times(cases: Cases, repeats: int, *, as_json: bool = False) -> None:
         [f"{name}, {cases[name].sample_count // 1000} k", *(f"{each[c]:.1f}" for c in columns)]
         for name, each in found.items()
     ]
-    print_table(["recording", *columns], [*rows, ["wanted", *(WANTED[c] for c in columns)]])
+    rows.append(["wanted", *(WANTED[c] for c in columns)])
+    print_table(["recording", *columns], rows)
+    if write:
+        write_rows("speed", rows)
     print("most memory of a process, in MiB; of one that imports hapfmt alone\n")
     with tempfile.TemporaryDirectory() as folder:
         memory = [[name, *peaks(recording, Path(folder))] for name, recording in cases.items()]
@@ -181,7 +188,7 @@ print(next(line for line in lines if line.startswith("VmHWM")).split()[1])
 
 def peaks(recording: hapfmt.Recording, folder: Path) -> Iterator[int]:
     path = folder / "one.hapf"
-    path.write_bytes(write(recording, {"fast": True}))
+    path.write_bytes(file_of(recording, {"fast": True}))
     for step in ("", *STEPS):
         command = [sys.executable, "-c", PEAK, step, str(path)]
         done = subprocess.run(
@@ -230,31 +237,31 @@ def kind_of(name: str) -> str:
     return name.rpartition("/")[0] or name
 
 
-def print_searches(recordings: Sequence[tuple[str, hapfmt.Recording]], repeats: int) -> None:
+def print_searches(
+    recordings: Sequence[tuple[str, hapfmt.Recording]], repeats: int, *, write: bool = False
+) -> None:
     """What each search of the encoder gains in size and costs in time, preset by preset: where it
     gains most, where it costs most, and in the mean over all kinds of recordings."""
-    from hapfmt.encoder.effort import SEARCHES, without
-
     recordings = [(name, shortened(each, PRICED)) for name, each in recordings]
+    from hapfmt.encoder.effort import SEARCHES  # an older commit has none
+
     rows = []
+    kinds = sorted({kind_of(name) for name, _ in recordings})
     for preset, given in PRESETS.items():
-        known: dict[str, list[tuple[int, float]]] = {}
-        for search in ("", *SEARCHES):
-            with without(search) if search else nullcontext():
-                for name, recording in recordings:
-                    data, seconds = timed(lambda r=recording, g=given: write(r, g), repeats)
-                    known.setdefault(f"{search}:{kind_of(name)}", []).append((len(data), seconds))
-        kinds = sorted({kind_of(name) for name, _ in recordings})
-        for search in SEARCHES:
-            found = {kind: price(known[f":{kind}"], known[f"{search}:{kind}"]) for kind in kinds}
+        searches = hapfmt.Settings.of(**given).searches
+        for search in (name for name in SEARCHES if getattr(searches, name)):
+            found: dict[str, tuple[float, float]] = {}
+            for kind in kinds:
+                members = [each for name, each in recordings if kind_of(name) == kind]
+                found[kind] = price(*compared(members, given, search, repeats))
+            failed = [k for k in kinds if found[k][0] < GAIN and found[k][1] > COST]
+            if not failed and all(abs(size) < SHOWN for size, _ in found.values()):
+                continue
             most = max(kinds, key=lambda kind: found[kind][0])
             dear = max(kinds, key=lambda kind: found[kind][1] * (found[kind][0] < GAIN))
             gain, cost = (sum(each[i] for each in found.values()) / len(found) for i in (0, 1))
-            failed = [k for k in kinds if found[k][0] < GAIN and found[k][1] > COST]
-            if all(abs(size) < 0.005 for size, _ in found.values()) and cost < COST / 10:
-                continue
             rows.append(
-                [preset, search, f"{gain:.2f}", f"{cost:.0f}",
+                [preset, search.replace("_", " "), f"{gain:.2f}", f"{cost:.0f}",
                  f"{most}: {found[most][0]:.1f} / {found[most][1]:.0f}",
                  f"{dear}: {found[dear][0]:.1f} / {found[dear][1]:.0f}", len(failed)]
             )  # fmt: skip
@@ -263,6 +270,27 @@ def print_searches(recordings: Sequence[tuple[str, hapfmt.Recording]], repeats: 
     headers = ["preset", "search", "gain", "cost", "gains most (gain / cost)",
                "costs most for less than 1 %", "kinds too dear"]  # fmt: skip
     print_table(headers, rows)
+    if write:
+        write_rows("searches", rows)
+
+
+def compared(
+    recordings: Sequence[hapfmt.Recording], given: dict[str, Any], search: str, repeats: int
+) -> tuple[list[tuple[int, float]], list[tuple[int, float]]]:
+    """Bytes and seconds with a search, and without it, in turns."""
+    from hapfmt.encoder.effort import without
+
+    whole, other = [], []
+    for recording in recordings:
+        sizes, times = [0, 0], [inf, inf]
+        for _ in range(repeats + 1):  # the first run is cold
+            for place in (0, 1):
+                with without(search) if place else nullcontext():
+                    data, seconds = timed(lambda r=recording: file_of(r, given))
+                sizes[place], times[place] = len(data), min(times[place], seconds)
+        whole.append((sizes[0], times[0]))
+        other.append((sizes[1], times[1]))
+    return whole, other
 
 
 def price(whole: list[tuple[int, float]], without: list[tuple[int, float]]) -> tuple[float, float]:
@@ -308,7 +336,7 @@ def points_of(recording: hapfmt.Recording, repeats: int) -> Iterator[Point]:
         yield point(
             "hapfmt, lossless" if lossless else "hapfmt, lossy",
             "default" if name == "lossless" else name,
-            lambda g=given: write(recording, g), lambda d: hapfmt.read(d, threads=1), len,
+            lambda g=given: file_of(recording, g), lambda d: hapfmt.read(d, threads=1), len,
         )  # fmt: skip
 
     def all_of(code: Callable[[Any], Any]) -> Callable[[Any], list[Any]]:
