@@ -34,7 +34,7 @@ class Effort:
     """Predictors of quiet packets come also from sums in which loud parts outweigh quiet ones."""
 
     undifferenced: bool = True
-    """Predictors are also of the samples where their differences are hardly smaller."""
+    """Predictors are also of the samples where their differences are little smaller."""
 
     polynomials: bool = True
     """Doubles near to a grid are tried as a polynomial of their counts."""
