@@ -64,10 +64,10 @@ SPARSE = 1.5
 
 QUIET_BITS = 141
 """256ths of a bit a sample. Below, what codes by bits may learn more of errors that are larger, so
-that the best polynomial is written as well as the best of the low orders."""
+that the best polynomial is written as well as the best of all."""
 
 LOW_ORDERS = (1, 1), (3, 3)
-"""Sums and orders of quiet packets."""
+"""Sums and orders that quiet packets are tried with too."""
 
 CALM_BITS, LEVEL_BITS = 384, 128
 """256ths of a bit a sample. Plain sums are for packets where a polynomial takes less. Sums of the
@@ -182,8 +182,6 @@ class Choice:
         able = [way for way in ways + polynomials if way.bits >= 0]
         quiet = any(way.bits < QUIET_BITS * self.seen for way in able)
         if quiet:
-            if not self.effort.other_orders:
-                able = [way for way in able if not way.predictor.reflections]
             for place, order in LOW_ORDERS:
                 if len(reflections.get(place, [])) >= order:
                     low = map(self.measured, self.way(place, reflections[place][:order]))

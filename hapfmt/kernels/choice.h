@@ -313,8 +313,8 @@ INLINE int rank_ways(search *s, const int32_t *sines, const double *limits, way 
     for (int g = 0; g < POLYNOMIALS; g++) polynomial_way(ways + count++, g, s->polynomials[g]);
     best = least_of(ways, count);
     int quiet = best >= 0 && ways[best].bits < QUIET_BITS * s->seen;
-    int low = count;
     if (quiet) {
+        int low = count;
         count += there[1] >= 1 && linear_way(ways + count, 1, found[1], 1, sines);
         count += there[3] >= 3 && linear_way(ways + count, 3, found[3], 3, sines);
         measure_ways(s, ways + low, count - low);
@@ -322,7 +322,7 @@ INLINE int rank_ways(search *s, const int32_t *sines, const double *limits, way 
     for (int k = 0; k < count; k++) {
         way w = ways[k];
         int at = kept;
-        if (w.bits < 0 || (quiet && w.order && k < low && !s->how.other)) continue;
+        if (w.bits < 0) continue;
         w.bits = w.bits * s->count / s->seen + 8 * BIT * w.order;
         for (; at && ways[at - 1].bits > w.bits; at--) ways[at] = ways[at - 1];
         ways[at] = w;
