@@ -74,7 +74,7 @@ class Effort:
     @property
     def sums(self) -> int:
         """Which sums predictors come from, as bits."""
-        return 1 | 2 * self.plain_sums | 4 * self.undifferenced
+        return 1 | 2 * self.plain_sums | 4 * self.undifferenced * (1 + 2 * self.plain_sums)
 
 
 EFFORTS: dict[EffortName, Effort] = {
@@ -84,7 +84,6 @@ EFFORTS: dict[EffortName, Effort] = {
         cuts=False,
         plain_sums=False,
         undifferenced=False,
-        polynomials=False,
     ),
     "default": Effort(),
     "best": Effort(every_form=True, every_sample=True, other_orders=True, written=6, lines=True),

@@ -62,9 +62,12 @@ REPEAT_SHARE = 50
 SPARSE = 1.5
 """Bits a sample. Below, what codes by bits may expect repeats anyway, so that way is looked at."""
 
-QUIET_BITS, WRITTEN_QUIET = 141, 3
-"""256ths of a bit a sample. Below, what codes by bits may learn more of plain differences than of
-what LPC leaves, so that this many packets are written."""
+QUIET_BITS = 141
+"""256ths of a bit a sample. Below, what codes by bits may learn more of errors that are larger, so
+that the best polynomial is written as well as the best of all."""
+
+LOW_ORDERS = (1, 1), (3, 3)
+"""Sums and orders that quiet packets are tried with too."""
 
 CALM_BITS, LEVEL_BITS = 384, 128
 """256ths of a bit a sample. Plain sums are for packets where a polynomial takes less. Sums of the
@@ -178,12 +181,16 @@ class Choice:
                     ways += map(self.measured, self.way(best.set, every[:order]))
         able = [way for way in ways + polynomials if way.bits >= 0]
         quiet = any(way.bits < QUIET_BITS * self.seen for way in able)
-        able = sorted(map(self.whole, able), key=lambda way: way.bits)
         if quiet:
-            self.written = max(self.written, WRITTEN_QUIET)
-            first = next((way for way in able if not way.predictor.reflections), able[0])
-            able.remove(first)
-            able.insert(0, first)
+            for place, order in LOW_ORDERS:
+                if len(reflections.get(place, [])) >= order:
+                    low = map(self.measured, self.way(place, reflections[place][:order]))
+                    able += [way for way in low if way.bits >= 0]
+        able = sorted(map(self.whole, able), key=lambda way: way.bits)
+        plain = [at for at, way in enumerate(able) if not way.predictor.reflections]
+        if quiet and plain and plain[0]:
+            able.insert(0, able.pop(plain[0]))
+            self.written = max(self.written, 2)
         marks = np.count_nonzero(self.indices[1:] == self.indices[:-1])
         if able and marks * REPEAT_SHARE > self.size:
             marked = self.measured(
@@ -192,15 +199,17 @@ class Choice:
             if marked.bits >= 0:
                 marked = self.whole(marked, 4)
                 able.insert(marked.bits >= able[0].bits, marked)
+                self.written += quiet and self.written == 2
         return able
 
     def sums(self, polynomials: Sequence[Attempt]) -> int:
         """Those that are likely to help, as bits."""
         bits = [way.bits for way in polynomials]
-        chosen = self.effort.sums
+        calm = min(bits) < CALM_BITS * self.seen
+        chosen = self.effort.sums & (15 if calm else 7)
         if not self.effort.other_orders:
-            chosen &= ~2 if min(bits) >= CALM_BITS * self.seen else ~0
-            chosen &= ~4 if bits[0] >= bits[1] + LEVEL_BITS * self.seen else ~0
+            chosen &= 15 if calm else ~2
+            chosen &= ~4 if bits[0] >= bits[1] + LEVEL_BITS * self.seen else 15
         return chosen
 
     def way(self, place: int, reflections: Sequence[int]) -> list[Attempt]:

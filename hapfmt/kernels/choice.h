@@ -9,7 +9,7 @@
 
 enum { PART = 48, FRONT = 40, COSTED = 32, POLYNOMIALS = 5, SETS = 4, WAYS = 24, TOGETHER = 12 };
 enum { COEFFICIENT_COST = 8, REPEAT_SHARE = 50, BIT = 256, QUIET_BITS = 141 };
-enum { CALM_BITS = 384, LEVEL_BITS = 128, WRITTEN_QUIET = 3 };
+enum { CALM_BITS = 384, LEVEL_BITS = 128 };
 
 /* What is searched. ``sets``: sums of first differences where quiet and loud parts count alike, and plain
    ones; the same of the samples, as bits. One part of ``stride`` is estimated. ``other``: more orders,
@@ -161,9 +161,11 @@ INLINE void measure_polynomials(search *s)
 INLINE void choose_sums(search *s)
 {
     int64_t least = s->polynomials[0], *p = s->polynomials;
-    if (s->how.other) return;
     for (int g = 1; g < POLYNOMIALS; g++) least = p[g] < least ? p[g] : least;
-    if (least >= CALM_BITS * s->seen) s->how.sets &= ~2;
+    int calm = least < CALM_BITS * s->seen;
+    if (!calm) s->how.sets &= ~8;
+    if (s->how.other) return;
+    if (!calm) s->how.sets &= ~2;
     if (p[0] >= p[1] + LEVEL_BITS * s->seen) s->how.sets &= ~4;
 }
 
@@ -311,7 +313,12 @@ INLINE int rank_ways(search *s, const int32_t *sines, const double *limits, way 
     for (int g = 0; g < POLYNOMIALS; g++) polynomial_way(ways + count++, g, s->polynomials[g]);
     best = least_of(ways, count);
     int quiet = best >= 0 && ways[best].bits < QUIET_BITS * s->seen;
-    if (quiet && s->how.written < WRITTEN_QUIET) s->how.written = WRITTEN_QUIET;
+    if (quiet) {
+        int low = count;
+        count += there[1] >= 1 && linear_way(ways + count, 1, found[1], 1, sines);
+        count += there[3] >= 3 && linear_way(ways + count, 3, found[3], 3, sines);
+        measure_ways(s, ways + low, count - low);
+    }
     for (int k = 0; k < count; k++) {
         way w = ways[k];
         int at = kept;
@@ -322,11 +329,12 @@ INLINE int rank_ways(search *s, const int32_t *sines, const double *limits, way 
         kept++;
     }
     if (!kept) return 0;
-    for (int at = 0; quiet && at < kept && ways[0].order; at++)
+    for (int at = 1; quiet && ways[0].order && at < kept; at++)
         if (!ways[at].order) {
             way first = ways[at];
             memmove(ways + 1, ways, (size_t)at * sizeof first);
             ways[0] = first;
+            if (s->how.written < 2) s->how.written = 2;
         }
     way w = ways[0];
     if (s->marks * REPEAT_SHARE > s->count && (w.bits = bits_with_repeats(s, &w)) >= 0) {
@@ -335,6 +343,7 @@ INLINE int rank_ways(search *s, const int32_t *sines, const double *limits, way 
         int at = w.bits < ways[0].bits ? 0 : 1;
         memmove(ways + at + 1, ways + at, (size_t)(kept++ - at) * sizeof w);
         ways[at] = w;
+        s->how.written += quiet && s->how.written == 2;
     }
     return kept;
 }
