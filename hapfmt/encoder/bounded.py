@@ -271,8 +271,9 @@ SAMPLED, WINDOWS = 8, 8
 SLICE = 1 << 15
 """Samples that are looked at together."""
 
-NEAR = 1.06
-"""Ways that are at most this many times as large as the best of the sampled part are all coded."""
+NEAR, NEAR_GRID = 1.06, 1.15
+"""Ways that are at most this many times as large as the best of the sampled part are all coded.
+Grids are quick to code, and predict a whole channel better than stretches of it."""
 
 LEAST = 16
 """Held pieces of a window; channels that have fewer are looked at as a whole."""
@@ -324,8 +325,12 @@ def likely_ways(source: InputBlock, base: Track, bound: Bound, *, knots_alone: b
     for why, code in scalar_ways(block, bound):
         if why in allowed and (coded := code(base, None)):
             sizes[why] = coded.size - WINDOWS * JOINS.get(why, GRID_JOINS)
-    least = min(sizes.values()) * NEAR + 4
-    near = [(size, why) for why, size in sizes.items() if size <= least]
+    least = min(sizes.values())
+    near = [
+        (size, why)
+        for why, size in sizes.items()
+        if size <= least * (NEAR if why in JOINS else NEAR_GRID) + 4
+    ]
     return [way for _, why in sorted(near) for way in ways if way[0] == why]
 
 
