@@ -329,6 +329,7 @@ def sample_of(channel: Channel, count: int) -> Channel:
 
     from ..encoder.plan import without_glitches
     from ..recording import Span
+    from ..spool import release
 
     size = channel.stored.size
     if size <= count:
@@ -336,8 +337,10 @@ def sample_of(channel: Channel, count: int) -> Channel:
     piece = count // TRIED_PIECES
     starts = np.linspace(0, size - piece, TRIED_PIECES).astype(int)
     x = channel.samples()
-    calm = without_glitches(np.where(np.isfinite(x), x, x[0]))
+    x[~np.isfinite(x)] = x[0]
+    calm = without_glitches(x)
     ends = np.repeat([calm.argmin(), calm.argmax()], 3)  # one sample alone would be a glitch
+    release()
     places = np.concatenate([*(np.arange(start, start + piece) for start in starts), ends])
     return replace(
         channel,
