@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+from fractions import Fraction
 
 import numpy as np
 import page_exact
@@ -32,6 +33,7 @@ from hapfmt.encoder.exact import (
     Relation,
     Weigher,
     find_relations,
+    left_after,
     left_by,
     sources_of,
     stretches,
@@ -309,6 +311,25 @@ def test_weights_of_rows_that_depend_on_each_other():
 def test_weights_of_values_of_any_size(size):
     rows = np.random.default_rng(6).normal(size=(3, 400)) * size
     assert np.allclose(Weigher(rows)(rows[0] * 0.5 - rows[2]), [0.5, 0, -1], atol=1e-12)
+
+
+def test_what_weights_leave_is_known_to_twice_the_digits():
+    """So it is on machines without wider floats too."""
+    rng = np.random.default_rng(8)
+    rows, weights = rng.normal(size=(4, 50)), rng.normal(size=4)
+    finer = weights * rng.uniform(-1, 1, 4) * 2.0**-54
+    y = weights @ rows
+    exactly = [
+        Fraction(value)
+        - sum(
+            (Fraction(w) + Fraction(f)) * Fraction(x)
+            for w, f, x in zip(weights.tolist(), finer.tolist(), column, strict=True)
+        )
+        for value, column in zip(y.tolist(), rows.T.tolist(), strict=True)
+    ]
+    found = left_after(y, rows, weights, finer)
+    assert np.abs(found).max() > 0
+    assert np.abs(found - np.array(exactly, float)).max() < 2.0**-100
 
 
 @pytest.mark.parametrize("noise", [0, 1e-16, 1e-12, 1e-11, 1e-10, 1e-6])

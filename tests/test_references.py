@@ -358,6 +358,14 @@ def test_higher_differences_have_no_coefficients(seed):
     assert len(references.encode_referring(rows, 1, (0,), EFFORTS["default"])) < len(alone) // 2
 
 
+def test_references_tell_of_repeats():
+    """Half of the samples repeat the one before in both rows: marks of this would cost a bit each."""
+    g = np.random.default_rng(3)
+    row = np.repeat(g.integers(-500, 501, 2000).cumsum(), g.integers(1, 4, 2000))
+    data = references.encode_referring(np.array([row, row + 8]), 1, (0,), EFFORTS["default"])
+    assert len(data) < 40
+
+
 def tactile_array(seed: int) -> Recording:
     """Slow taxels that share a drift and a noise, some of them hardly touched."""
     rng = np.random.default_rng(seed)

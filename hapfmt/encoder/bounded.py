@@ -381,6 +381,11 @@ def hopeless(pieces: Iterable[Indices], size: int) -> bool:
     return False
 
 
-def lossless_bits(source: InputBlock) -> float:
-    """A quick estimate of the bits of one channel without loss."""
-    return sum(quick_estimate(rows[:, 0]) for _, rows in source.pieces(source.counts))
+LOOKED, ONE_IN = 512, 4
+"""Samples in a row that tell about the size without loss, one such row in ONE_IN."""
+
+
+def lossless_bits(x: NDArray[Any]) -> float:
+    """A quick estimate of the bits of one channel [ticks] without loss."""
+    rows = [x[at : at + LOOKED].astype(np.int64) for at in range(0, x.size, LOOKED * ONE_IN)]
+    return sum(map(quick_estimate, rows)) * x.size / max(sum(row.size for row in rows), 1)

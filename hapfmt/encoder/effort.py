@@ -31,13 +31,16 @@ class Effort:
     """Predictors have up to 32 coefficients, not 12."""
 
     plain_sums: bool = True
-    """Predictors come also from sums in which loud parts outweigh quiet ones."""
+    """Predictors of quiet packets come also from sums in which loud parts outweigh quiet ones."""
 
     undifferenced: bool = True
-    """Predictors are also of the samples, not only of their differences."""
+    """Predictors are also of the samples where their differences are hardly smaller."""
 
     polynomials: bool = True
-    """Doubles near to a grid are tried as a polynomial of their counts, and as decimals."""
+    """Doubles near to a grid are tried as a polynomial of their counts."""
+
+    decimals: bool = True
+    """Doubles near to a grid are tried as decimals."""
 
     every_form: bool = False
     """Doubles, channels with an error, and channels that are linked, are written in each form, not
@@ -47,7 +50,7 @@ class Effort:
     """Estimates look at each sample, not at one in three."""
 
     other_orders: bool = False
-    """The best sums are tried with other orders as well."""
+    """All packets have all sums, and the best sums are tried with other orders as well."""
 
     written: int = 1
     """Packets that are written, for the smallest to stay."""
@@ -79,7 +82,6 @@ EFFORTS: dict[EffortName, Effort] = {
         references=False,
         relations=False,
         cuts=False,
-        high_orders=False,
         plain_sums=False,
         undifferenced=False,
         polynomials=False,

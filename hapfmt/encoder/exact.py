@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import frexp, inf, log
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -144,7 +144,7 @@ def encode_doubles(
     x, effort = search.values, effort or EFFORTS["default"]
     if not x.size or not search.facts.finite:
         return otherwise()
-    candidate = natural_candidate(search, exact, polynomials=effort.polynomials)
+    candidate = natural_candidate(search, exact, effort)
     natural = coded_as(channel, x, spans, first_channel, candidate, effort)
     search.forget()
     if natural and 8 * natural.size < CHEAP * x.size:
@@ -250,7 +250,7 @@ def coded_as(
 
 
 def natural_candidate(
-    search: LatticeSearch, exact: Lattice | None, *, polynomials: bool = True
+    search: LatticeSearch, exact: Lattice | None, effort: Effort
 ) -> Candidate | None:
     """The natural grid and the rule with the shortest corrections, by distinct values."""
     if search.has_negative_zero:
@@ -281,11 +281,14 @@ def natural_candidate(
             break
     if not found:
         return None
-    near, best = found.near, found.way
-    if polynomials and found.bits >= ROUNDED * near.counts.size:
-        for way in (*cubic_ways(near), *decimal_way(near, u, search.values)):
-            found = better(found, way, near)
-            best = found.way if found else best
+    near = found.near
+    if effort.decimals and found.bits >= ROUNDED * near.counts.size:
+        for way in decimal_way(near, u, search.values):
+            found = better(found, way, near) or found
+    if effort.polynomials and found.bits >= ROUNDED * near.counts.size:
+        for way in cubic_ways(near):
+            found = better(found, way, near) or found
+    best = found.way
     counts, largest, _ = nearest_within(search.values, best.calibration, inf)
     how = f"step {float(best.calibration.step):.10g}{best.how}, missed by {largest:.3g} at most"
     return replace(best, counts=counts.astype(np.int64), how=how)
@@ -406,9 +409,8 @@ def cubic_ways(near: DistinctCounts) -> Iterator[Candidate]:
 
 def fit(t: Doubles, y: Doubles, powers: Sequence[int]) -> list[float]:
     """The coefficients of these powers of t that come nearest to y, by least squares."""
-    table = np.stack([t**power for power in powers], axis=1)
-    coefficients: list[float] = np.linalg.lstsq(table, y, rcond=None)[0].tolist()
-    return coefficients
+    found: list[float] = Weigher(np.stack([t**power for power in powers]))(y).tolist()
+    return found
 
 
 def printed_rule(u: Doubles) -> Iterator[ExactParameters]:
@@ -647,11 +649,18 @@ def within_reach(y: Doubles, sources: Sequence[Doubles], limit: float) -> list[b
         rows[:, own + lag] = x[:, SETTLING - lag : size - lag]
     scales = np.abs(rows).max(axis=2, keepdims=True)
     scales[scales == 0] = 1
-    basis = np.linalg.qr((rows / scales).transpose(0, 2, 1))[0]
+    rows /= scales
     scale = float(np.abs(y).max())
-    wanted = y[few][SETTLING:] / scale
-    shares = np.einsum("smt,m->st", basis, wanted)
-    left = wanted - np.einsum("smt,st->sm", basis, shares)
+    left = np.repeat(y[few][None, SETTLING:] / scale, len(sources), axis=0)
+    whole = dot(rows, rows)
+    for place in range(rows.shape[1]):
+        row = rows[:, place]
+        energy = dot(row, row)
+        row[energy <= DEPENDENT**2 * whole[:, place]] = 0
+        energy[energy == 0] = 1
+        shares = dot(rows[:, place + 1 :], row[:, None]) / energy[:, None]
+        rows[:, place + 1 :] -= shares[:, :, None] * row[:, None]
+        left -= (dot(left, row) / energy)[:, None] * row
     within: list[bool] = (np.abs(left).max(axis=1) < limit / scale * PROBED_SAMPLES**0.5).tolist()
     return within
 
@@ -691,6 +700,33 @@ def left_by(form: tuple[int, int], y: Doubles, x: Doubles) -> float:
     return float(np.abs(y[SETTLING:] - weights @ rows).max())
 
 
+def dot(a: Doubles, b: Doubles) -> Doubles:
+    """Sums of products along the last axis. NumPy adds in the same order on all machines; einsum
+    and LAPACK do not."""
+    return np.asarray(np.add.reduce(a * b, axis=-1))
+
+
+def exact_sum(a: Doubles, b: Doubles) -> tuple[Doubles, Doubles]:
+    """The sum, and what its rounding lost (D. E. Knuth)."""
+    total = a + b
+    back = total - a
+    return total, (a - (total - back)) + (b - back)
+
+
+def exact_product(a: float, b: Doubles) -> tuple[Doubles, Doubles]:
+    """The product, and what its rounding lost (T. J. Dekker, 1971)."""
+    product = a * b
+    (high, low), (top, rest) = halves(np.float64(a)), halves(b)
+    return product, low * rest - (((product - high * top) - low * top) - high * rest)
+
+
+def halves(x: Any) -> tuple[Any, Any]:
+    """Two numbers of 26 bits whose sum is x."""
+    moved = x * ((1 << 27) + 1)
+    high = moved - (moved - x)
+    return high, x - high
+
+
 class Weigher:
     """Least squares by some rows, which are made orthogonal once (modified Gram-Schmidt): threads
     of a BLAS wait longer for each other than this takes."""
@@ -700,16 +736,16 @@ class Weigher:
         self.scales[self.scales == 0] = 1
         self.basis = rows / self.scales[:, None]
         self.shares = np.eye(len(rows))
-        whole = np.einsum("ij,ij->i", self.basis, self.basis)
+        whole = dot(self.basis, self.basis)
         self.energies = np.zeros(len(rows))
         for place, row in enumerate(self.basis):
-            energy = float(np.einsum("i,i->", row, row))
+            energy = float(dot(row, row))
             if energy <= DEPENDENT**2 * whole[place]:
                 row[:] = 0
                 continue
             self.energies[place] = energy
             later = self.basis[place + 1 :]
-            shares = np.einsum("ij,j->i", later, row) / energy
+            shares = dot(later, row) / energy
             later -= shares[:, None] * row
             self.shares[place, place + 1 :] = shares
 
@@ -719,15 +755,25 @@ class Weigher:
         left, weights = y / scale, np.zeros(len(self.basis))
         for place, (row, energy) in enumerate(zip(self.basis, self.energies, strict=True)):
             if energy:
-                weights[place] = np.einsum("i,i->", row, left) / energy
+                weights[place] = dot(row, left) / energy
                 left -= weights[place] * row
         for place in range(len(weights) - 1, -1, -1):
             if self.energies[place]:
-                weights[place] -= np.einsum(
-                    "i,i->", self.shares[place, place + 1 :], weights[place + 1 :]
-                )
+                weights[place] -= dot(self.shares[place, place + 1 :], weights[place + 1 :])
         with np.errstate(over="ignore"):
             return np.asarray(weights / self.scales * scale)
+
+
+def left_after(y: Doubles, rows: Doubles, weights: Doubles, finer: Doubles) -> Doubles:
+    """What the weighed rows leave of y, in twice the digits of a double; the weights are sums of
+    two."""
+    left, lost = y, np.zeros(y.size)
+    for row, *parts in zip(rows, weights.tolist(), finer.tolist(), strict=True):
+        for weight in parts:
+            product, rest = exact_product(-weight, row)
+            left, more = exact_sum(left, product)
+            lost += rest + more
+    return left + lost
 
 
 def relations(
@@ -739,16 +785,20 @@ def relations(
     rows, exact = rows_of(form, y[some], x[some], SETTLING), y[some][SETTLING:]
     keys = [(target, lag) for lag in range(1, form[0] + 1)]
     keys += [(source, lag) for lag in range(form[1] + 1)]
+    # Products of large numbers stay finite.
+    power = -frexp(max(float(np.abs(rows).max()), float(np.abs(exact).max())))[1]
+    rows, exact = np.ldexp(rows, power), np.ldexp(exact, power)
     for used in (rows[:-1], rows):
-        wide = used.astype(np.longdouble)
-        weights = np.zeros(len(used), np.longdouble)
+        weights, finer = np.zeros(len(used)), np.zeros(len(used))
         weigh = Weigher(used)
         for _ in range(ROUNDS):
-            left = exact - weights @ wide
-            weights = weights + weigh(left.astype(np.float64))
-            if not (np.abs(weights) < COEFFICIENT_LIMIT).all():
+            change = weigh(left_after(exact, used, weights, finer))
+            if not (np.abs(change) < COEFFICIENT_LIMIT).all():
+                weights = change
                 break
-        numbers = weights.astype(np.float64).tolist()
+            weights, lost = exact_sum(weights, change)
+            finer += lost
+        numbers = (weights + finer).tolist()
         if not all(abs(w) < COEFFICIENT_LIMIT for w in numbers):
             continue
         c0 = numbers[-1] if len(numbers) > len(keys) else 0.0

@@ -46,6 +46,7 @@ from ..recording import Calibration, Channel, Deviation, Span
 from ..threads import in_order
 from ..units import unknown_unit
 from .bounded import contract_for, scalar_ways
+from .effort import EFFORTS
 from .exact import beside_counts, natural_candidate
 from .gridded import grid_within, nearest
 from .knots import Coded
@@ -454,7 +455,7 @@ def lattices(x: Doubles) -> list[LiveLattice]:
         if not sparse(exact.counts):
             # Nothing coarser lies under it.
             return covering(found)
-    if distinct >= SEEN and (near := natural_candidate(search, exact)):
+    if distinct >= SEEN and (near := natural_candidate(search, exact, EFFORTS["default"])):
         found.append(LiveLattice(near.calibration, near.parameters))
     return covering(found)
 

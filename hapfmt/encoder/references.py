@@ -365,10 +365,15 @@ def encode_referring(rows: Indices, place: int, links: tuple[int, ...], effort: 
     saved = (found.without - found.bits) * indices.size // found.used
     own = 256 * 8 * (1 + REFERENCE_SIZE * len(references))
     if references and saved > own + PAYS * found.without * indices.size / found.used:
-        marks = np.count_nonzero(indices[1:] == indices[:-1]) * REPEATED > indices.size
-        predictor = Predictor(1, found.reflections, int(indices[0]), bool(marks), references)
-        with suppress(ValueError):
-            return encode_indices(indices, predictor, found.cross)
+        repeated = np.count_nonzero(indices[1:] == indices[:-1]) * REPEATED > indices.size
+        # References may tell of the repeats as well.
+        written = []
+        for marks in (False, True)[: 1 + repeated]:
+            predictor = Predictor(1, found.reflections, int(indices[0]), marks, references)
+            with suppress(ValueError):
+                written.append(encode_indices(indices, predictor, found.cross))
+        if written:
+            return min(written, key=len)
     return encode_best(indices, effort)
 
 

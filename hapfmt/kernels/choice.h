@@ -9,10 +9,11 @@
 
 enum { PART = 48, FRONT = 40, COSTED = 32, POLYNOMIALS = 5, SETS = 4, WAYS = 24, TOGETHER = 12 };
 enum { COEFFICIENT_COST = 8, REPEAT_SHARE = 50, BIT = 256, QUIET_BITS = 141 };
+enum { CALM_BITS = 384, LEVEL_BITS = 128, WRITTEN_QUIET = 3 };
 
 /* What is searched. ``sets``: sums of first differences where quiet and loud parts count alike, and plain
-   ones; the same of the samples, as bits. One part of ``stride`` is estimated. ``other``: more orders.
-   ``written``: packets of which the smallest stays. */
+   ones; the same of the samples, as bits. One part of ``stride`` is estimated. ``other``: more orders,
+   and sums that are not likely to help. ``written``: packets of which the smallest stays. */
 typedef struct { int orders, stride, sets, other, written; } scope;
 
 typedef struct {
@@ -158,6 +159,16 @@ INLINE void measure_polynomials(search *s)
     s->gains[part + 1] = s->gains[part];
 }
 
+/* Plain sums are for packets of few bits, sums of samples for those that vary about one level. */
+INLINE void choose_sums(search *s)
+{
+    int64_t least = s->polynomials[0], *p = s->polynomials;
+    if (s->how.other) return;
+    for (int g = 1; g < POLYNOMIALS; g++) least = p[g] < least ? p[g] : least;
+    if (least >= CALM_BITS * s->seen) s->how.sets &= ~2;
+    if (p[0] >= p[1] + LEVEL_BITS * s->seen) s->how.sets &= ~4;
+}
+
 INLINE void sum_products(search *s)
 {
     double loud[2][FRONT + PART] = {{0}};
@@ -280,6 +291,7 @@ INLINE int rank_ways(search *s, const int32_t *sines, const double *limits, way 
     double energies[ORDERS];
     load(s);
     measure_polynomials(s);
+    choose_sums(s);
     sum_products(s);
     int most = s->count - 1 < s->how.orders ? (int)(s->count - 1) : s->how.orders;
     for (int set = 0; set < SETS; set++) {
@@ -301,16 +313,23 @@ INLINE int rank_ways(search *s, const int32_t *sines, const double *limits, way 
     for (int g = 0; g < POLYNOMIALS; g++) polynomial_way(ways + count++, g, s->polynomials[g]);
     best = least_of(ways, count);
     int quiet = best >= 0 && ways[best].bits < QUIET_BITS * s->seen;
+    if (quiet && s->how.written < WRITTEN_QUIET) s->how.written = WRITTEN_QUIET;
     for (int k = 0; k < count; k++) {
         way w = ways[k];
         int at = kept;
-        if (w.bits < 0 || (quiet && w.order)) continue;
+        if (w.bits < 0) continue;
         w.bits = w.bits * s->count / s->seen + 8 * BIT * w.order;
         for (; at && ways[at - 1].bits > w.bits; at--) ways[at] = ways[at - 1];
         ways[at] = w;
         kept++;
     }
     if (!kept) return 0;
+    for (int at = 0; quiet && at < kept && ways[0].order; at++)
+        if (!ways[at].order) {
+            way first = ways[at];
+            memmove(ways + 1, ways, (size_t)at * sizeof first);
+            ways[0] = first;
+        }
     way w = ways[0];
     if (s->marks * REPEAT_SHARE > s->count && (w.bits = bits_with_repeats(s, &w)) >= 0) {
         w.repeats = 1;
