@@ -35,7 +35,7 @@ typedef struct {
 } search;
 
 #if defined(__GNUC__)
-typedef double four __attribute__((vector_size(32), aligned(8)));
+typedef double four __attribute__((vector_size(32)));
 #endif
 
 /* sums[k] += now[i] * now[i - k]. */
@@ -49,9 +49,11 @@ INLINE void add_products(const double *now, int64_t n, int lags, double *sums)
         for (int64_t i = 0; i < n; i++) {
             double v = now[i];
             four x = {v, v, v, v};
-            b[0] += x * *(const four *)(then + i - 3);
-            b[1] += x * *(const four *)(then + i - 7);
-            b[2] += x * *(const four *)(then + i - 11);
+            for (int k = 0; k < 3; k++) {
+                four y;
+                memcpy(&y, then + i - 4 * k - 3, sizeof y);
+                b[k] += x * y;
+            }
         }
         for (int k = 0; k < TOGETHER; k++) a[k] = b[k / 4][3 - k % 4];
 #else
