@@ -4,7 +4,7 @@ The twins run if the environment has ``HAPFMT_PURE=1``, or if a C source is newe
 This module declares the types of the C functions. Each .c file has the functions of one codec or
 search, and names its twin. Those of codecs/ are lpcr, knots, knots_coded, huffman (QUAN), exact
 (LPCX), transform (MDCT), noise (NOIS) and levels (grids). Those of encoder/ are select, tube,
-sweep, links, packet, references, lattice, trellis and vectors.
+sweep, links, packet, references, ``lattice``, trellis and vectors.
 That of split.py is sections.
 Shared headers: coder.h, integers.h, coded.h and flags.h implement SPEC 9.4, each on top of the one
 before.
