@@ -101,3 +101,14 @@ def test_the_slow_part_is_not_drawn_by_them():
     promise = Promise(Tolerance(0.002, "range"), Fraction(1, 10), TextureQuality(20.0))
     felt = FeltChannel.of(channel.samples(), source, promise, 20.0)
     assert np.abs(1000 * felt.slow - HUM).max() < 150
+
+
+@given(st.integers(0, 2**32), st.sampled_from([64, 65, 1000, 70_001]), st.integers(0, 3))
+def test_some_medians_tell_as_much_as_all(seed, size, count):
+    rng = np.random.default_rng(seed)
+    x = np.rint(rng.normal(size=size) * np.where(np.arange(size) % 8, 1000, rng.choice([1, 9000])))
+    x[rng.integers(0, size, count)] *= rng.choice([1, 3, 100])
+    calm = np.median(np.stack([x[:-2], x[1:-1], x[2:]]), axis=0)
+    low, high = calm.min(), calm.max()
+    far = np.flatnonzero((x < 2 * low - high) | (x > 2 * high - low))
+    assert find_glitches(x).tolist() == (far.tolist() if far.size <= max(size // 1000, 1) else [])

@@ -3,7 +3,7 @@
 python tools/bench.py [DATA]          a folder of recordings, or one; default: ../shared/data
 python tools/bench.py --simulated     no data needed
 python tools/bench.py --speed         times of all presets as multiples of flac -8, and memory
-python tools/bench.py --against COMMIT      the same, and of another commit
+python tools/bench.py --against COMMIT      the same, and at another commit
 python tools/bench.py --searches      what each search of the encoder gains, and costs
 python tools/bench.py --picture FILE  size against encoding and decoding time
 

@@ -198,7 +198,7 @@ def peaks(recording: hapfmt.Recording, folder: Path) -> Iterator[int]:
 
 
 def print_against(commit: str, arguments: Sequence[str], cases: Cases, repeats: int) -> None:
-    """The same table at another commit, which is installed in a folder of its own."""
+    """The same table at another commit, installed in a folder of its own."""
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"
         git = ["git", "-C", str(ROOT), "worktree"]
