@@ -305,9 +305,8 @@ def likely_ways(source: InputBlock, base: Track, bound: Bound, *, knots_alone: b
         firsts = held * np.arange(1, 2 * WINDOWS, 2) // (2 * WINDOWS) - few // 2
         windows = np.concatenate([x[ticks[k] : ticks[k + few]] for k in firsts]).astype(np.int64)
         looked = [windows]
-    ways = [levels]
-    if held <= FEW:
-        ways.append(plain)
+    # Of two that are as small, the first: on single counts, held values are near the middle.
+    ways = [plain, levels] if held <= FEW else [levels]
     if sampled or held <= (DENSE if grid.kn else DENSER) * x.size:
         ways.append(lines)
     if not knots_alone:
