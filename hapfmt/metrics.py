@@ -325,16 +325,23 @@ def st_sim(f: NDArray[Any], y: NDArray[Any], rate_hz: float | Fraction) -> float
     return _by_package("stsim", "st_sim", f, y, rate_hz, eta=ST_SIM_EXPONENT)
 
 
+def texture_threshold_db() -> NDArray[np.float64]:
+    """The threshold of ST-SIM and SPQI at the lines of a block at 8 kHz: a parabola over log f with
+    its minimum of -77 dB at 250 Hz, which ends where it is above 0."""
+    hz = np.linspace(0, TEXTURE_RATE_HZ, 2 * TEXTURE_BLOCK)[:TEXTURE_BLOCK]
+    offset = 1 - 250 / 550
+    threshold = 62 * (np.log10(hz / 550 + offset) / np.log10(offset)) ** 2 - 77
+    first = int(np.argmax(threshold > 0))
+    threshold[first:] = threshold[first]
+    return np.asarray(threshold)
+
+
 class Similarity:
     """ST-SIM of many signals to one f, for a search: :func:`st_sim` within rounding, all blocks at
     once."""
 
     def __init__(self, f: NDArray[Any], rate_hz: float | Fraction) -> None:
-        self.threshold = (
-            require_package("perception", "signal")
-            .PerceptualThreshold(TEXTURE_RATE_HZ)
-            .calculate(TEXTURE_BLOCK)
-        )
+        self.threshold = texture_threshold_db()
         self.rate_hz = rate_hz
         self.f = np.asarray(f, np.float64)
         self.silent, self.normal, self.support = self._parts(self.f)

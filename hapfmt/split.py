@@ -144,7 +144,8 @@ def _by_sections(
     """Forward, then backward; each pass begins as if its first value had lasted forever."""
     sections, steady = _pass(_pass_cutoff(ratio, filter), filter)
     rows = y.reshape(y.shape[0], -1).T
-    rows = np.pad(rows, [(0, 0), (padding, padding)], mode="reflect")
+    ends = rows[:, padding:0:-1], rows[:, -2 : -padding - 2 : -1]
+    rows = np.concatenate((ends[0], rows, ends[1]), axis=1)
     for _ in range(2):
         rows = filtered(sections, steady * rows[:, :1, None], rows)[:, ::-1]
     return np.ascontiguousarray(rows[:, padding:-padding].T).reshape(y.shape)

@@ -20,7 +20,7 @@ DEEP = PROFILE in ("ci", "nightly")
 PURE = (
     # Codecs, and the readable twins of loops.
     "clamps", "codecs_*", "components", "entropy", "huffman", "integers", "kernels*", "lengths",
-    "split",
+    "references", "split",
     # The conformance suite, and other bytes that a decoder gets.
     "examples", "exhaustive", "fuzz", "hostile", "vectors*",
     # Each way of encoding once; the verbs of README.md.

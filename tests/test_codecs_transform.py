@@ -223,6 +223,18 @@ class TestTwins:
         assert found.cost(3) == found.errors + 3 * found.bits
         assert isinstance(found, Quantised) and found.seen.sum() == targets.size
 
+    @pytest.mark.parametrize("size", codec.BLOCKS)
+    def test_small_and_large_levels_of_whole_blocks(self, size):
+        """Sums of 16-bit products, whose table ends at 32767, and sums of doubles."""
+        rng = np.random.default_rng(size)
+        for scale, weights in [(0.3, b""), (5, b""), (5, b"\x20\x30"), (900, b"")]:
+            rows = np.rint(rng.laplace(size=(9, size)) * scale).astype(np.int64)
+            packet = encode_component(7, rows, 0xD2, 20)
+            parameters = TransformParameters(size, 2999, weights)
+            given = packet, parameters, 9 * size - 5, 1, ONE, 0, *WIDE
+            found = decode_within(*given)
+            assert found.tolist() == by_the_twin(codec, decode_within, *given).tolist()
+
     def test_magnitudes_of_34_bits_are_refused(self):
         for twin in (True, False):
             call = (lambda f, *a: by_the_twin(codec, f, *a)) if twin else lambda f, *a: f(*a)
@@ -233,11 +245,12 @@ class TestTwins:
         loops = codec.compiled
         steps, out = np.ones(3, np.int64), np.zeros(40, np.int32)
         window = codec.window(32)
-        good = [b"\0" * 8, codec.tiles(32), window, steps, 0, 0, 0, -5, 5, out]
+        good = [b"\0" * 8, codec.tiles(32), codec.pairs(32), window, steps, 0, 0, 0, -5, 5, out]
         assert loops.mdct_decode(*good)[0] in codec.STATUS
         for place, bad in [
-            (1, codec.tiles(64)), (2, window[:, :8].copy()), (2, -window), (3, steps * 0),
-            (3, steps[:0]), (3, np.ones(33, np.int64)), (4, 256), (5, 164), (6, 2**33), (7, 6),
+            (1, codec.tiles(64)), (2, codec.pairs(64)), (3, window[:, :8].copy()), (3, -window),
+            (4, steps * 0), (4, steps[:0]), (4, np.ones(33, np.int64)), (5, 256), (6, 164),
+            (7, 2**33), (8, 6),
         ]:  # fmt: skip
             with pytest.raises(ValueError, match="not a transform"):
                 loops.mdct_decode(*[bad if i == place else x for i, x in enumerate(good)])

@@ -137,6 +137,14 @@ def test_an_adapter_that_does_not(room, tmp_path, changes, said):
     assert told["counts"]["all"]["failed"] == 1
 
 
+def test_memory_of_run_py_is_not_that_of_an_adapter(room, tmp_path):
+    bytearray(b"x" * (150 << 20))
+    caps = ("--timeout", "60", "--memory", "100")
+    code, text, told = run(room, adapter(tmp_path / "fake"), caps=caps)
+    assert code == 0, text
+    assert 1 << 20 < told["cases"][0]["steps"][0]["peak_bytes"] < 100 << 20
+
+
 @pytest.mark.realtime
 def test_a_server_is_asked_again_and_again_and_started_anew_where_it_ends(tmp_path):
     cases = {f"valid/{name}": EXPECT for name in ("one", "two")}

@@ -16,6 +16,7 @@ from hapfmt.deadband import Deadband
 from hapfmt.errors import MissingExtraError, ParameterError
 from hapfmt.metrics import (
     LEAST_M,
+    Similarity,
     band_energy_error_db,
     max_error,
     max_in_deadbands,
@@ -27,6 +28,7 @@ from hapfmt.metrics import (
     snr_weighted_db,
     spqi,
     st_sim,
+    texture_threshold_db,
     vibrotactile_threshold,
 )
 
@@ -397,6 +399,18 @@ class TestAgainstTheFormulas:
         spectral = projected(*(norm.cdf(perceptual_spectrum_db(x) / 12) for x in (a, b)))
         wanted = temporal ** (2 / 3) * spectral ** (1 / 3)
         assert st_sim(f, y, self.RATE) == pytest.approx(wanted, rel=1e-9)
+
+    @pytest.mark.parametrize("loud", [0, 0.003, 0.03, 0.3, 3])
+    def test_similarity_in_one_pass(self, loud):
+        f, y = self.signals(1, loud)
+        similarity = Similarity(f, self.RATE)
+        for each in (y, 2 - y, np.where(np.arange(f.size) < 8000, y, 1.0), np.ones(f.size)):
+            assert similarity.of(each) == pytest.approx(st_sim(f, each, self.RATE), rel=1e-9)
+
+    def test_threshold(self):
+        perception = pytest.importorskip("vibromaf.signal.perception")
+        wanted = perception.PerceptualThreshold(8000).calculate(512)
+        np.testing.assert_allclose(texture_threshold_db(), wanted, rtol=0, atol=1e-9)
 
     def test_louder_errors_score_lower(self):
         f, _ = self.signals(1, 0)

@@ -400,6 +400,7 @@ class TestNeverLarger:
             for each in (True, False)
         ]
 
+    @pytest.mark.compiled
     @given(st.integers(0, 2**32))
     @example(14)
     @settings(max_examples=examples(15), deadline=None)
@@ -407,6 +408,7 @@ class TestNeverLarger:
         with_references, without = self.sizes(tactile_array(seed), "perceptual")
         assert with_references <= without
 
+    @pytest.mark.compiled
     @pytest.mark.skipif(not DATA.is_dir(), reason="no ../shared/data")
     def test_recordings(self) -> None:
         for path in sorted(DATA.glob("fabricslide/*.npz")):

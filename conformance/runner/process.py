@@ -144,11 +144,12 @@ def watch(
     process: subprocess.Popen[bytes], caps: Caps, began: float
 ) -> tuple[int | None, int | None, str]:
     """Until it ends, or is killed for taking too much: exit code, peak of memory, and why."""
-    why, pause = "", SHORTEST
+    why, pause, seen, hidden = "", SHORTEST, 0, own_peak()
     while True:
         ended, peak = has_ended(process)
         if ended is not None:
             break
+        seen = max(seen, status_of(process.pid, "VmHWM") or 0)
         if not why:
             why = excess(process.pid, caps, began)
             if why:
@@ -156,6 +157,8 @@ def watch(
         time.sleep(pause)
         pause = min(2 * pause, LONGEST)
     process.returncode = ended
+    if peak is not None and peak <= hidden:
+        peak = seen or None
     if not why and peak is not None and peak > caps.memory:
         why = f"took {peak >> 20} MiB of memory, {caps.memory >> 20} are allowed"
     if not why and ended < 0:
@@ -172,6 +175,11 @@ def has_ended(process: subprocess.Popen[bytes]) -> tuple[int | None, int | None]
         return None, None
     unit = 1 if os.uname().sysname == "Darwin" else 1024
     return os.waitstatus_to_exitcode(status), usage.ru_maxrss * unit
+
+
+def own_peak() -> int:
+    """Linux counts it as memory of each child, which was this process before it was another."""
+    return status_of(os.getpid(), "VmHWM") or 0
 
 
 def signal_name(number: int) -> str:

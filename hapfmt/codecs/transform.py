@@ -89,6 +89,14 @@ def tiles(size: int) -> Doubles:
 
 
 @lru_cache(len(BLOCKS))
+def pairs(size: int) -> NDArray[np.int16]:
+    """The same [sample / 16, coefficient / 2, sample % 16, coefficient % 2], at most 32767, for
+    products of 16 bits."""
+    small = np.minimum(waves(size), 32767).astype(np.int16)
+    return np.ascontiguousarray(small.reshape(size // 2, 2, size // 16, 16).transpose(2, 0, 3, 1))
+
+
+@lru_cache(len(BLOCKS))
 def window(size: int) -> Integers:
     """[2, size / 2]: w and z of the samples on one side of a boundary."""
     odd = (2 * np.arange(size // 2) + 1) * (QUARTER // 2 // size)
@@ -270,8 +278,9 @@ def decode_component(
     coded, at, steps = data[position:], offset + position, parameters.steps[:count]
     if compiled is not None:
         status, taken = compiled.mdct_decode(
-            coded, tiles(size), window(size), steps, classes, start, base, low, high, out
-        )
+            coded, tiles(size), pairs(size), window(size), steps, classes, start,
+            base, low, high, out,
+        )  # fmt: skip
         if status:
             requirement, message = STATUS[status]
             place = at + min(taken, len(coded))

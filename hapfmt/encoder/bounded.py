@@ -271,15 +271,17 @@ SAMPLED, WINDOWS = 8, 8
 SLICE = 1 << 15
 """Samples that are looked at together."""
 
-NEAR = 1.06
-"""Ways that are at most this many times as large as the best of the sampled part are all coded."""
-
 LEAST = 16
 """Held pieces of a window; channels that have fewer are looked at as a whole."""
 
 LEVELS, LINES = "fewest held levels", "fewest lines"
 JOINS, GRID_JOINS = {LEVELS: 0, LINES: 4}, 3
 """Bytes that a stretch more takes than the same samples in a whole channel."""
+
+NEAR, NEAR_GRID = {LEVELS: 1.06, LINES: 1.0}, 1.15
+"""Ways that are at most this many times as large as the best of the sampled part are all coded.
+Lines take long to find. Grids are quick to code, and predict a whole channel better than stretches
+of it."""
 
 FEW, DENSE, DENSER, CHEAP = 64, 0.35, 0.7, 4
 """Held pieces up to which varints may be smaller; held pieces a sample from which lines never are;
@@ -324,8 +326,10 @@ def likely_ways(source: InputBlock, base: Track, bound: Bound, *, knots_alone: b
     for why, code in scalar_ways(block, bound):
         if why in allowed and (coded := code(base, None)):
             sizes[why] = coded.size - WINDOWS * JOINS.get(why, GRID_JOINS)
-    least = min(sizes.values()) * NEAR + 4
-    near = [(size, why) for why, size in sizes.items() if size <= least]
+    least = min(sizes.values())
+    near = [
+        (size, why) for why, size in sizes.items() if size <= least * NEAR.get(why, NEAR_GRID) + 4
+    ]
     return [way for _, why in sorted(near) for way in ways if way[0] == why]
 
 
@@ -381,6 +385,11 @@ def hopeless(pieces: Iterable[Indices], size: int) -> bool:
     return False
 
 
-def lossless_bits(source: InputBlock) -> float:
-    """A quick estimate of the bits of one channel without loss."""
-    return sum(quick_estimate(rows[:, 0]) for _, rows in source.pieces(source.counts))
+LOOKED, ONE_IN = 512, 4
+"""Samples in a row that tell about the size without loss, one such row in ONE_IN."""
+
+
+def lossless_bits(x: NDArray[Any]) -> float:
+    """A quick estimate of the bits of one channel [ticks] without loss."""
+    rows = [x[at : at + LOOKED].astype(np.int64) for at in range(0, x.size, LOOKED * ONE_IN)]
+    return sum(map(quick_estimate, rows)) * x.size / max(sum(row.size for row in rows), 1)

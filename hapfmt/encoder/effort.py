@@ -31,10 +31,10 @@ class Effort:
     """Predictors have up to 32 coefficients, not 12."""
 
     plain_sums: bool = True
-    """Predictors come also from sums in which loud parts outweigh quiet ones."""
+    """Predictors of quiet packets come also from sums in which loud parts outweigh quiet ones."""
 
     undifferenced: bool = True
-    """Predictors are also of the samples, not only of their differences."""
+    """Predictors are also of the samples where their differences are little smaller."""
 
     polynomials: bool = True
     """Doubles near to a grid are tried as a polynomial of their counts."""
@@ -50,7 +50,7 @@ class Effort:
     """Estimates look at each sample, not at one in three."""
 
     other_orders: bool = False
-    """The best sums are tried with other orders as well."""
+    """All packets have all sums, and the best sums are tried with other orders as well."""
 
     written: int = 1
     """Packets that are written, for the smallest to stay."""
@@ -74,7 +74,7 @@ class Effort:
     @property
     def sums(self) -> int:
         """Which sums predictors come from, as bits."""
-        return 1 | 2 * self.plain_sums | 4 * self.undifferenced
+        return 1 | 2 * self.plain_sums | 4 * self.undifferenced * (1 + 2 * self.plain_sums)
 
 
 EFFORTS: dict[EffortName, Effort] = {
@@ -84,7 +84,6 @@ EFFORTS: dict[EffortName, Effort] = {
         cuts=False,
         plain_sums=False,
         undifferenced=False,
-        polynomials=False,
     ),
     "default": Effort(),
     "best": Effort(every_form=True, every_sample=True, other_orders=True, written=6, lines=True),

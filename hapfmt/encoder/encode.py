@@ -86,16 +86,12 @@ RELATED = 0.03
 METADATA = 96
 """Bytes in a file. A lossy form that saves less is not worth the loss."""
 
-UNSURE = 20
-"""Bytes a channel that an estimated size may be off: bounds and rows of many tracks that
-are alike take less."""
-
 SMALLER = "smaller than a lossy form"
 SMALLER_LOSSLESS = "lossless is smaller"
 
-SMALL = 1 << 16
-"""In recordings of up to this many samples whole files are compared, where all channels may be
-smaller without loss."""
+ALWAYS, SMALL = 1 << 14, 1 << 16
+"""Recordings of up to ALWAYS samples are also written without loss, and those of up to SMALL where
+an estimate does not tell that they are larger then: the smaller file counts."""
 
 LIKELY = 0.7
 """Share of a quick estimate of the lossless size, above which the lossless form is tried."""
@@ -245,9 +241,7 @@ def encode(
     if settings.st_sim is not None and not find_spec("vibromaf"):
         raise MissingExtraError("vibromaf", "metrics")
     size_of = size_of or about
-    encoding = Encoding(
-        recording, settings, progress or (lambda _done, _all: None), threads, size_of
-    )
+    encoding = Encoding(recording, settings, progress or no_progress, threads, size_of)
     if settings.bitrate is None or not encoding.textures:
         return with_weights(encoding.finish(encoding.parts))
     return with_weights(
@@ -257,6 +251,10 @@ def encode(
             settings.bitrate * 1000 / 8 * float(recording.duration),
         )
     )
+
+
+def no_progress(_done: int, _all: int) -> None:
+    """Report nothing."""
 
 
 def with_weights(encoded: Encoded) -> Encoded:
@@ -309,6 +307,7 @@ class Encoding:
         lengths = PacketLengths.of(recording, settings, loads)
         self.job = replace(self.job, loads=loads, lengths=lengths)
         self.rivals: Rivals = {}
+        self.exact: Encoding | None = None
         self.parts: list[PlacedUnit] = []
         for first, stop in pairwise([*heads, count]):
             rows = prepared[first:stop]
@@ -348,10 +347,26 @@ class Encoding:
         settings = self.job.settings
         if settings.preset == "lossless" or not settings.smallest:
             return self.complete(parts)
-        choices = with_lossless(parts, self.job, self.rivals)
-        if len(choices) == 1:
-            return self.complete(choices[0])
-        return min(map(self.complete, choices), key=self.size_of)
+        ours = self.complete(with_lossless(parts, self.job, self.rivals))
+        theirs = self.without_loss(parts)
+        return min(theirs, ours, key=self.size_of) if theirs else ours
+
+    def without_loss(self, parts: list[PlacedUnit]) -> Encoded | None:
+        """The file without loss, where the recording is small and that may be the smaller one.
+
+        Estimates are too coarse for few samples, where descriptions and deviations count.
+        """
+        samples = sum(channel.stored.size for channel in self.job.originals)
+        asked = [each.promise for part in parts for each in part.members]
+        least = sum(part.unit.least for part in parts)
+        hopeless = samples > ALWAYS and 8 * total_cost(parts) <= HOPE * least
+        if samples > SMALL or hopeless or all(promise.lossless for promise in asked):
+            return None
+        if self.exact is None:
+            self.exact = Encoding(
+                self.recording, self.job.lossless, no_progress, self.job.threads, self.size_of
+            )
+        return self.exact.complete([in_place(part, asked) for part in self.exact.parts])
 
     def complete(self, parts: list[PlacedUnit]) -> Encoded:
         """Tracks and packets, and what is reported of them."""
@@ -633,13 +648,11 @@ Rivals = dict[tuple[int, int], list[PlacedUnit]]
 """Lossless parts by their first and last channel."""
 
 
-def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> list[list[PlacedUnit]]:
+def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> list[PlacedUnit]:
     """The parts, where they are larger than the same channels without loss these in their place.
 
-    A small recording has several choices, of which the smallest file counts, and the first of equal
-    ones. ``known`` keeps the lossless parts for the next call.
+    ``known`` keeps the lossless parts for the next call.
     """
-    small = sum(channel.stored.size for channel in job.originals) <= SMALL
     lossless = replace(job, settings=job.lossless, promises=[Promise()] * len(job.originals))
     rivals: list[PlacedUnit] = []
     every = job.settings.searches.every_form
@@ -661,23 +674,17 @@ def with_lossless(parts: list[PlacedUnit], job: EncodeJob, known: Rivals) -> lis
         at = max(stop, at + 1)
     asked = [each.promise for part in parts for each in part.members]
     rivals = [in_place(part, asked) for part in rivals]
-    mixed = list(smaller(parts, rivals))
-    if not small or not all(doubtful):
-        return [mixed]
-    choices: dict[tuple[int, ...], list[PlacedUnit]] = {}
-    for each in (rivals, mixed):
-        choices.setdefault(tuple(id(part.unit.base) for part in each), each)
-    near = min(map(total_cost, choices.values())) + METADATA + UNSURE * len(job.originals)
-    return [each for each in choices.values() if total_cost(each) <= near]
+    return list(smaller(parts, rivals))
 
 
 def in_place(part: PlacedUnit, asked: list[Promise]) -> PlacedUnit:
     """A lossless part, with the reason why it replaces the requested form."""
     members = [
         replace(each, promise=promise if promise.lossless else instead_of(promise))
-        for each, promise in zip(part.members, asked[part.first : part.stop], strict=True)
+        for each, promise in zip(part.members, (asked[n] for n in part.channels), strict=True)
     ]
-    return replace(part, unit=replace(part.unit, instead=True), members=members)
+    tracks = tuple(in_place(each, asked) for each in part.tracks)
+    return replace(part, unit=replace(part.unit, instead=True), members=members, tracks=tracks)
 
 
 def instead_of(promise: Promise) -> Promise:
@@ -847,10 +854,7 @@ def encode_source(
         unit = found or without_loss(original, first_channel, job)
     else:
         unit = encode_within(members[0], source, base, first_channel, promise, settings.searches)
-    unit.least = unit.least or sum(
-        lossless_bits(replace(source, channels=(each,), counts=counts[:, place : place + 1]))
-        for place, each in enumerate(source.channels)
-    )
+    unit.least = unit.least or sum(map(lossless_bits, counts.T))
     return unit
 
 
@@ -880,7 +884,7 @@ def encode_within(
     if fine is None:
         return unit
     finer = InputBlock((fine.channel,), fine.channel.stored[:, None], source.spans)
-    unit.least = lossless_bits(finer)
+    unit.least = lossless_bits(fine.channel.stored)
     base = whole_range(finer, first_channel)
     knots = encode_bounded(finer, base, promise, unit.size, knots_alone=True, effort=effort)
     if knots is None:

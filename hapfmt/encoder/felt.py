@@ -136,8 +136,13 @@ class FeltChannel:
         return self.slow_excess(y) <= 1
 
     def slow_excess(self, y: Doubles) -> float:
-        """The largest error of the slow part, in deadbands."""
-        error = np.abs(slow_of(y - self.x, self.source, self.cutoff_hz))
+        """The largest error of the slow part, in deadbands; or a larger number up to 1, where no
+        sample leaves the narrowest deadband. The slow part of an error is within its range."""
+        error = y - self.x
+        largest = max(float(error.max(initial=0.0)), -float(error.min(initial=0.0)))
+        if largest <= self.floor and self.floor > 0:
+            return largest / self.floor
+        error = np.abs(slow_of(error, self.source, self.cutoff_hz))
         beyond = error > self.allowed
         if not beyond.any():
             return float((error / np.maximum(self.allowed, SMALLEST)).max(initial=0.0))

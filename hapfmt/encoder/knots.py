@@ -261,6 +261,8 @@ class Coded:
 
     track: Track
     packets: list[Packet] = field(default_factory=list)
+    decoded: NDArray[np.int64] | None = None
+    """What the decoder made of all packets, where it was asked for and is not large."""
 
     @property
     def size(self) -> int:

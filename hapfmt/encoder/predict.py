@@ -63,8 +63,15 @@ SPARSE = 1.5
 """Bits a sample. Below, what codes by bits may expect repeats anyway, so that way is looked at."""
 
 QUIET_BITS = 141
-"""256ths of a bit a sample. Below, what codes by bits learns more of plain differences than of what
-LPC leaves."""
+"""256ths of a bit a sample. Below, what codes by bits may learn more of errors that are larger, so
+that the best polynomial is written as well as the best of all."""
+
+LOW_ORDERS = (1, 1), (3, 3)
+"""Sums and orders that quiet packets are tried with too."""
+
+CALM_BITS, LEVEL_BITS = 384, 128
+"""256ths of a bit a sample. Plain sums are for packets where a polynomial takes less. Sums of the
+samples are for packets whose differences save no more."""
 
 POLYNOMIALS = ((), (), (1,), (2, -1), (3, -3, 1))
 """As predictors of the samples, or of their first differences."""
@@ -110,8 +117,9 @@ def encode_best(indices: Indices, effort: Effort | None = None) -> bytes:
     first = int(plain[0])
     if (plain == first).all():
         return encode_indices(plain, Predictor())
-    ranked = Choice(plain, effort).ranked()
-    tried = [way.predictor for way in ranked[: max(effort.written, 1)]]
+    choice = Choice(plain, effort)
+    ranked = choice.ranked()
+    tried = [way.predictor for way in ranked[: choice.written]]
     packets = []
     if tried and tried[0].repeats and ranked[0].bits < SPARSE * 256 * plain.size:
         other = replace(tried[0], repeats=False)
@@ -148,17 +156,19 @@ class Choice:
         self.parts = -(-self.size // PART)
         self.looked_at = np.arange(self.size) // PART % effort.stride == 0
         self.seen = int(np.count_nonzero(self.looked_at))
+        self.written = max(effort.written, 1)
 
     def ranked(self) -> list[Attempt]:
         """The best first."""
         polynomials = [
-            Attempt(Predictor(g, (), self.bases[g > 0])) for g in range(DIFFERENCE_LIMIT + 1)
+            self.measured(Attempt(Predictor(g, (), self.bases[g > 0])))
+            for g in range(DIFFERENCE_LIMIT + 1)
         ]
         loudness = self.loudness([self.errors(way) for way in polynomials])
         ways: list[Attempt] = []
         reflections: dict[int, list[int]] = {}
         for place in range(SUMS):
-            if self.effort.sums >> place & 1:
+            if self.sums(polynomials) >> place & 1:
                 reflections[place], order = self.linear(place, loudness)
                 ways += self.way(place, reflections[place][:order])
         ways = [self.measured(way) for way in ways]
@@ -169,11 +179,18 @@ class Choice:
             for order in (*range(1, 4), *range(4, len(every) + 1, 4)):
                 if order <= len(every) and order != len(best.predictor.reflections):
                     ways += map(self.measured, self.way(best.set, every[:order]))
-        ways += map(self.measured, polynomials)
-        able = [way for way in ways if way.bits >= 0]
-        if min((way.bits for way in able), default=0) < QUIET_BITS * self.seen:
-            able = [way for way in able if not way.predictor.reflections]
+        able = [way for way in ways + polynomials if way.bits >= 0]
+        quiet = any(way.bits < QUIET_BITS * self.seen for way in able)
+        if quiet:
+            for place, order in LOW_ORDERS:
+                if len(reflections.get(place, [])) >= order:
+                    low = map(self.measured, self.way(place, reflections[place][:order]))
+                    able += [way for way in low if way.bits >= 0]
         able = sorted(map(self.whole, able), key=lambda way: way.bits)
+        plain = [at for at, way in enumerate(able) if not way.predictor.reflections]
+        if quiet and plain and plain[0]:
+            able.insert(0, able.pop(plain[0]))
+            self.written = max(self.written, 2)
         marks = np.count_nonzero(self.indices[1:] == self.indices[:-1])
         if able and marks * REPEAT_SHARE > self.size:
             marked = self.measured(
@@ -182,7 +199,18 @@ class Choice:
             if marked.bits >= 0:
                 marked = self.whole(marked, 4)
                 able.insert(marked.bits >= able[0].bits, marked)
+                self.written += quiet and self.written == 2
         return able
+
+    def sums(self, polynomials: Sequence[Attempt]) -> int:
+        """Those that are likely to help, as bits."""
+        bits = [way.bits for way in polynomials]
+        calm = min(bits) < CALM_BITS * self.seen
+        chosen = self.effort.sums & (15 if calm else 7)
+        if not self.effort.other_orders:
+            chosen &= 15 if calm else ~2
+            chosen &= ~4 if bits[0] >= bits[1] + LEVEL_BITS * self.seen else 15
+        return chosen
 
     def way(self, place: int, reflections: Sequence[int]) -> list[Attempt]:
         """None where there is nothing to predict with, or it is out of range."""

@@ -35,8 +35,8 @@ SIMILARITY_S = 30
 """ST-SIM is measured on at most this many seconds, from the middle of the longest run."""
 
 
-NEAR_ENOUGH = 0.975
-"""A search ends this near to the largest allowed error: 0.1 dB."""
+NEAR_ENOUGH = 0.965
+"""A search ends this near to the largest allowed error: 0.15 dB."""
 
 SHARE_OF_DB = 0.75 * CLOSE
 """... or at this share of a target in dB, where that is less."""
@@ -78,8 +78,8 @@ class Measure(Protocol):
     def value(self, y: Doubles) -> dict[str, float]:
         """The quality of decoded samples, for the user."""
 
-    def close(self, y: Doubles) -> bool:
-        """Whether the quality is the one that was asked for, within a share of CLOSE."""
+    def close(self, reached: dict[str, float]) -> bool:
+        """Whether this quality is the one that was asked for, within a share of CLOSE."""
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,8 @@ class NoiseMeasure:
         found = {"snr_hf_db": -10 * log10(error)} if 0 < error < inf else {}
         return {**found, "snr_db": whole} if isfinite(whole) else found
 
-    def close(self, y: Doubles) -> bool:
-        db = self.value(y).get("snr_hf_db")
+    def close(self, reached: dict[str, float]) -> bool:
+        db = reached.get("snr_hf_db")
         return db is not None and abs(db - self.db) <= CLOSE * self.db
 
 
@@ -164,8 +164,8 @@ class ThresholdMeasure:
     def value(self, y: Doubles) -> dict[str, float]:
         return self.of_all.value(y)
 
-    def close(self, y: Doubles) -> bool:
-        return self.of_all.close(y)
+    def close(self, reached: dict[str, float]) -> bool:
+        return self.of_all.close(reached)
 
 
 @dataclass(frozen=True)
@@ -206,8 +206,8 @@ class SimilarityMeasure:
     def value(self, y: Doubles) -> dict[str, float]:
         return {"st_sim": self.similarity(y), **self.snr.value(y)}
 
-    def close(self, y: Doubles) -> bool:
-        return abs(self.similarity(y) - self.wanted) <= CLOSE * self.wanted
+    def close(self, reached: dict[str, float]) -> bool:
+        return abs(reached["st_sim"] - self.wanted) <= CLOSE * self.wanted
 
 
 def measure_of(

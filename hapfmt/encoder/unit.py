@@ -123,6 +123,9 @@ def run_symbols(runs: NDArray[np.int64], classes: int) -> tuple[int, NDArray[np.
     return int(by_class[0]), by_class[1:]
 
 
+KEPT = 1 << 20
+"""Decoded counts that a unit keeps at most."""
+
 ENCODE_LEVEL = LEVELS[2]
 """The bounds for any track, before the file's level is decided."""
 
@@ -297,7 +300,9 @@ def decode_all(coded: Coded, components: int) -> NDArray[np.int64]:
     """What the decoder makes of the packets: counts [ticks, components]."""
     decoder = TrackDecoder(coded.track, ENCODE_LEVEL)
     parts = [decoder.decode(packet).astype(np.int64) for packet in coded.packets]
-    return np.concatenate([np.zeros((0, components), np.int64), *parts])
+    found = np.concatenate([np.zeros((0, components), np.int64), *parts])
+    coded.decoded = found if found.size <= KEPT else None
+    return found
 
 
 def code_knots(
@@ -361,14 +366,17 @@ def residual_step(
     return min(max(-(-largest // ((1 << (bits - 1)) - 1)), 1), STEP_LIMIT)
 
 
-def slow_part(source: InputBlock, settings: Settings) -> NDArray[np.int64]:
+def slow_part(source: InputBlock, settings: Settings) -> NDArray[np.float64]:
     """The low-passed counts, segment by segment: a gap holds no signal."""
-    out = np.zeros(source.counts.shape, np.int64)
+    out = np.zeros(source.counts.shape)
     for rows in source.segments():
         x = source.counts[rows].astype(np.float64)
-        slow = low_pass(x, float(source.rate), settings.cutoff_hz)
-        out[rows] = np.floor(slow + 0.5).astype(np.int64)
+        out[rows] = low_pass(x, float(source.rate), settings.cutoff_hz)
     return out
+
+
+def whole(slow: NDArray[np.float64]) -> NDArray[np.int64]:
+    return np.floor(slow + 0.5).astype(np.int64)
 
 
 def whole_range(source: InputBlock, first_channel: int) -> Track:
@@ -395,7 +403,8 @@ def encode_paper(
     source: InputBlock, first_channel: int, promise: Promise, settings: Settings
 ) -> Unit:
     """Slow part as knots, fast part as quantised residual."""
-    source = finer(source, settings)
+    slow = slow_part(source, settings)
+    source, times = finer(source, whole(slow), settings)
     x = source.counts
     base = whole_range(source, first_channel)
     bound = bound_of(source, promise)
@@ -403,7 +412,7 @@ def encode_paper(
     # The calibration may not reach further than the base says.
     low, high = max(low, base.count_min), min(high, base.count_max)
     base = replace(base, count_min=low, count_max=high)
-    lf = code_knots(source, slow_part(source, settings), bound.band, settings, base)
+    lf = code_knots(source, whole(slow * times), bound.band, settings, base)
     d = decode_all(lf, x.shape[1])
     step = residual_step(source, x - d, settings)
     if step is None:
@@ -416,12 +425,14 @@ def encode_paper(
     return unit
 
 
-def finer(source: InputBlock, settings: Settings) -> InputBlock:
-    """The same values in finer counts, where the paper's step would be few of them."""
+def finer(
+    source: InputBlock, slow: NDArray[np.int64], settings: Settings
+) -> tuple[InputBlock, int]:
+    """The same values in finer counts, and how much finer, where the paper's step would be few."""
     bits = PAPER_BITS if settings.bits is None else settings.bits
     if settings.step is not None or bits < FINER_BITS:
-        return source
-    largest = int(np.abs(source.counts - slow_part(source, settings)).max(initial=0))
+        return source, 1
+    largest = int(np.abs(source.counts - slow).max(initial=0))
     times = -(-FINER * ((1 << (bits - 1)) - 1) // max(largest, 1))
     while times > 1:
         reach = int(np.abs(source.counts.astype(np.int64)).max(initial=0)) * times
@@ -434,9 +445,10 @@ def finer(source: InputBlock, settings: Settings) -> InputBlock:
         if reach < COUNT_LIMIT and all(
             c.calibration.covers(low, high) for c in channels if c.calibration
         ):
-            return InputBlock(channels, source.counts.astype(np.int64) * times, source.spans)
+            counts = source.counts.astype(np.int64) * times
+            return InputBlock(channels, counts, source.spans), times
         times //= 2
-    return source
+    return source, 1
 
 
 def in_finer_counts(channel: Channel, times: int) -> Channel:
@@ -514,6 +526,9 @@ def decoded_pieces(unit: Unit) -> Iterator[NDArray[np.int64]]:
     base = TrackDecoder(unit.base.track, ENCODE_LEVEL)
     low, high = unit.base.track.count_min, unit.base.track.count_max
     if unit.residual is None:
+        if unit.base.decoded is not None:
+            yield unit.base.decoded
+            return
         for packet in unit.base.packets:
             yield base.decode(packet).astype(np.int64)
         return

@@ -558,24 +558,25 @@ class Transformed(NamedTuple):
     coefficients: Doubles
 
 
-def blocks_of(source: InputBlock, size: int) -> Iterator[Transformed]:
-    for span, rows in source.pieces(source.counts):
-        x = rows[:, 0].astype(np.float64)
-        base = int(np.floor(np.median(x) + 0.5))
-        yield Transformed(span, base, forward(x - base, size))
-
-
 def best_blocks(source: InputBlock, noise: float) -> tuple[int, list[Transformed]]:
     """The size of blocks whose coefficients take the fewest bits, and these. Sizes twice as large
     are tried while they are better, or sizes half as large."""
-    found = {FIRST_SIZE: list(blocks_of(source, FIRST_SIZE))}
+    pieces = []
+    for span, rows in source.pieces(source.counts):
+        base = int(np.floor(np.median(rows) + 0.5))
+        pieces.append((span, base, rows[:, 0].astype(np.float64) - base))
+
+    def blocks_of(size: int) -> list[Transformed]:
+        return [Transformed(span, base, forward(x, size)) for span, base, x in pieces]
+
+    found = {FIRST_SIZE: blocks_of(FIRST_SIZE)}
     step = max(
         CoefficientSizes.of(sizes_of(found[FIRST_SIZE])).step_for(2 * noise / FIRST_SIZE), 1e-9
     )
 
     def cost(size: int) -> float:
         if size not in found:
-            found[size] = list(blocks_of(source, size))
+            found[size] = blocks_of(size)
         per_step = size / FIRST_SIZE / (step * UNIT) ** 2
         # In squares of the step.
         power = [np.square(block.coefficients) * per_step for block in found[size]]

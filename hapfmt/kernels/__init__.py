@@ -241,14 +241,15 @@ class CorrectionLoop(Protocol):
 
 
 class TransformDecode(Protocol):
-    """(coded bytes, waves float64 [size / 16, size, 16], window int64 [2, size / 2], steps int64
-    [coded coefficients], classes, start, base, least and largest count, counts int32) -> (status,
-    bytes read); the last argument is filled."""
+    """(coded bytes, waves float64 [size / 16, size, 16], pairs int16 [size / 16, size / 2, 16, 2],
+    window int64 [2, size / 2], steps int64 [coded coefficients], classes, start, base, least and
+    largest count, counts int32) -> (status, bytes read); the last argument is filled."""
 
     def __call__(
         self,
         coded: Buffer,
         waves: Buffer,
+        pairs: Buffer,
         window: Buffer,
         steps: Buffer,
         classes: int,

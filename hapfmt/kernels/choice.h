@@ -9,10 +9,11 @@
 
 enum { PART = 48, FRONT = 40, COSTED = 32, POLYNOMIALS = 5, SETS = 4, WAYS = 24, TOGETHER = 12 };
 enum { COEFFICIENT_COST = 8, REPEAT_SHARE = 50, BIT = 256, QUIET_BITS = 141 };
+enum { CALM_BITS = 384, LEVEL_BITS = 128 };
 
 /* What is searched. ``sets``: sums of first differences where quiet and loud parts count alike, and plain
-   ones; the same of the samples, as bits. One part of ``stride`` is estimated. ``other``: more orders.
-   ``written``: packets of which the smallest stays. */
+   ones; the same of the samples, as bits. One part of ``stride`` is estimated. ``other``: more orders,
+   and sums that are not likely to help. ``written``: packets of which the smallest stays. */
 typedef struct { int orders, stride, sets, other, written; } scope;
 
 typedef struct {
@@ -34,7 +35,7 @@ typedef struct {
 } search;
 
 #if defined(__GNUC__)
-typedef double four __attribute__((vector_size(32), aligned(8)));
+typedef double four __attribute__((vector_size(32)));
 #endif
 
 /* sums[k] += now[i] * now[i - k]. */
@@ -48,9 +49,11 @@ INLINE void add_products(const double *now, int64_t n, int lags, double *sums)
         for (int64_t i = 0; i < n; i++) {
             double v = now[i];
             four x = {v, v, v, v};
-            b[0] += x * *(const four *)(then + i - 3);
-            b[1] += x * *(const four *)(then + i - 7);
-            b[2] += x * *(const four *)(then + i - 11);
+            for (int k = 0; k < 3; k++) {
+                four y;
+                memcpy(&y, then + i - 4 * k - 3, sizeof y);
+                b[k] += x * y;
+            }
         }
         for (int k = 0; k < TOGETHER; k++) a[k] = b[k / 4][3 - k % 4];
 #else
@@ -154,6 +157,18 @@ INLINE void measure_polynomials(search *s)
     }
     s->gains[0] = s->gains[1];
     s->gains[part + 1] = s->gains[part];
+}
+
+/* Plain sums are for packets of few bits, sums of samples for those that vary about one level. */
+INLINE void choose_sums(search *s)
+{
+    int64_t least = s->polynomials[0], *p = s->polynomials;
+    for (int g = 1; g < POLYNOMIALS; g++) least = p[g] < least ? p[g] : least;
+    int calm = least < CALM_BITS * s->seen;
+    if (!calm) s->how.sets &= ~8;
+    if (s->how.other) return;
+    if (!calm) s->how.sets &= ~2;
+    if (p[0] >= p[1] + LEVEL_BITS * s->seen) s->how.sets &= ~4;
 }
 
 INLINE void sum_products(search *s)
@@ -278,6 +293,7 @@ INLINE int rank_ways(search *s, const int32_t *sines, const double *limits, way 
     double energies[ORDERS];
     load(s);
     measure_polynomials(s);
+    choose_sums(s);
     sum_products(s);
     int most = s->count - 1 < s->how.orders ? (int)(s->count - 1) : s->how.orders;
     for (int set = 0; set < SETS; set++) {
@@ -299,16 +315,29 @@ INLINE int rank_ways(search *s, const int32_t *sines, const double *limits, way 
     for (int g = 0; g < POLYNOMIALS; g++) polynomial_way(ways + count++, g, s->polynomials[g]);
     best = least_of(ways, count);
     int quiet = best >= 0 && ways[best].bits < QUIET_BITS * s->seen;
+    if (quiet) {
+        int low = count;
+        count += there[1] >= 1 && linear_way(ways + count, 1, found[1], 1, sines);
+        count += there[3] >= 3 && linear_way(ways + count, 3, found[3], 3, sines);
+        measure_ways(s, ways + low, count - low);
+    }
     for (int k = 0; k < count; k++) {
         way w = ways[k];
         int at = kept;
-        if (w.bits < 0 || (quiet && w.order)) continue;
+        if (w.bits < 0) continue;
         w.bits = w.bits * s->count / s->seen + 8 * BIT * w.order;
         for (; at && ways[at - 1].bits > w.bits; at--) ways[at] = ways[at - 1];
         ways[at] = w;
         kept++;
     }
     if (!kept) return 0;
+    for (int at = 1; quiet && ways[0].order && at < kept; at++)
+        if (!ways[at].order) {
+            way first = ways[at];
+            memmove(ways + 1, ways, (size_t)at * sizeof first);
+            ways[0] = first;
+            if (s->how.written < 2) s->how.written = 2;
+        }
     way w = ways[0];
     if (s->marks * REPEAT_SHARE > s->count && (w.bits = bits_with_repeats(s, &w)) >= 0) {
         w.repeats = 1;
@@ -316,6 +345,7 @@ INLINE int rank_ways(search *s, const int32_t *sines, const double *limits, way 
         int at = w.bits < ways[0].bits ? 0 : 1;
         memmove(ways + at + 1, ways + at, (size_t)(kept++ - at) * sizeof w);
         ways[at] = w;
+        s->how.written += quiet && s->how.written == 2;
     }
     return kept;
 }

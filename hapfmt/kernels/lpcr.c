@@ -214,7 +214,7 @@ static PyObject *autocorrelate_(PyObject *self, PyObject *args)
         PyErr_SetString(PyExc_ValueError, "not indices, or no room for their sums");
     else {
         Py_BEGIN_ALLOW_THREADS
-        autocorrelate(indices.buf, indices.len / 8, p.difference, p.base, sums.buf);
+        autocorrelate(indices.buf, indices.len / 8, p.difference, p.base, LAGS, sums.buf);
         Py_END_ALLOW_THREADS
         Py_INCREF(Py_None);
         result = Py_None;

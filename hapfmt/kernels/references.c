@@ -49,8 +49,8 @@ static void predict_from(const int64_t *y, int64_t size, int orders, int all, co
 {
     int64_t sums[LAGS];
     double r[LAGS], energies[ORDERS];
-    autocorrelate(y, size, 0, 0, sums);
-    for (int k = 0; k < LAGS; k++) r[k] = (double)sums[k];
+    autocorrelate(y, size, 0, 0, orders + 1, sums);
+    for (int k = 0; k <= orders; k++) r[k] = (double)sums[k];
     r[0] = r[0] * (1 + NOISE) + (double)size / 12;
     int most = size - 1 < orders ? (int)(size - 1) : orders;
     int there = levinson(r, most, t->limits, l->reflections, energies);
@@ -116,7 +116,7 @@ static void scale(const int64_t *e, int64_t size, const int8_t *shifts, int16_t 
 }
 
 /* Sums of a[t] * b[t + k], k from -AWAY to AWAY. */
-static void shifted_sums(const int16_t *a, const int16_t *b, int64_t size, int64_t *sums)
+INLINE void sum_shifted(const int16_t *a, const int16_t *b, int64_t size, int64_t *sums)
 {
     memset(sums, 0, SHIFTS * sizeof *sums);
     for (int64_t from = AWAY; from < size - AWAY; from += EXACT) {
@@ -128,6 +128,24 @@ static void shifted_sums(const int16_t *a, const int16_t *b, int64_t size, int64
             sums[AWAY + k] += sum;
         }
     }
+}
+
+#ifdef WIDE
+WIDE static void sum_shifted_wide(const int16_t *a, const int16_t *b, int64_t size, int64_t *sums)
+{
+    sum_shifted(a, b, size, sums);
+}
+#endif
+
+static void shifted_sums(const int16_t *a, const int16_t *b, int64_t size, int64_t *sums)
+{
+#ifdef WIDE
+    if (wide()) {
+        sum_shifted_wide(a, b, size, sums);
+        return;
+    }
+#endif
+    sum_shifted(a, b, size, sums);
 }
 
 /* The moments of all taps of the sources and, last, of the target: sums[i][j] of rows i >= j. */

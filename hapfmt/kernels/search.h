@@ -29,13 +29,13 @@ INLINE void products(const double *now, const double *then, int64_t n, int lanes
 }
 
 /* Sums of x[i] * x[i + lag], x being the differences shifted to at most 18 bits: products below 2^36,
-   4096 of them below 2^48, so doubles are exact in any order. */
-static void autocorrelate(const int64_t *indices, int64_t count, int g, int64_t base, int64_t *sums)
+   4096 of them below 2^48, so doubles are exact in any order. sums [lags]. */
+static void autocorrelate(const int64_t *indices, int64_t count, int g, int64_t base, int lags, int64_t *sums)
 {
     double x[ROOM + SUM_BLOCK];
     int64_t y[PIECE];
     uint64_t most = 0;
-    memset(sums, 0, LAGS * sizeof *sums);
+    memset(sums, 0, (size_t)lags * sizeof *sums);
     for (int64_t from = 0; from < count; from += PIECE) {
         int64_t n = count - from < PIECE ? count - from : PIECE;
         differences(indices, from, n, g, base, y);
@@ -52,10 +52,10 @@ static void autocorrelate(const int64_t *indices, int64_t count, int g, int64_t 
             differences(indices, from + at, some, g, base, y);
             for (int64_t i = 0; i < some; i++) x[ROOM + at + i] = (double)(y[i] >> shift);
         }
-        for (int lag = 0; lag < ROOM; lag += LANES) {
+        for (int lag = 0; lag < lags; lag += LANES) {
             double a[LANES];
             products(x + ROOM, x + ROOM - lag - (LANES - 1), n, LANES, a);
-            for (int k = 0; k < LANES && lag + k < LAGS; k++) sums[lag + k] += (int64_t)a[LANES - 1 - k];
+            for (int k = 0; k < LANES && lag + k < lags; k++) sums[lag + k] += (int64_t)a[LANES - 1 - k];
         }
         memmove(x, x + n, ROOM * sizeof *x);
     }

@@ -4,12 +4,13 @@
 #include "transform.h"
 
 /* Whether the buffers are those of blocks of one size, and say nothing that the loops were not made for. */
-static int valid_transform(const transform *t, const Py_buffer *waves, const Py_buffer *window,
-                           const Py_buffer *steps)
+static int valid_transform(const transform *t, const Py_buffer *waves, const Py_buffer *pairs,
+                           const Py_buffer *window, const Py_buffer *steps)
 {
     Py_ssize_t size = t->size;
     int fits = size >= 32 && size <= SIZE_MOST && !(size & (size - 1)) && whole(waves, 8) &&
                whole(window, 8) && whole(steps, 8) && waves->len == 8 * size * size &&
+               whole(pairs, 2) && pairs->len == 2 * size * size &&
                window->len == 8 * size && t->count >= 1 && t->count <= size && t->classes >= 0 &&
                t->classes < 256 && t->start >= 0 && t->start <= START_MOST &&
                t->base <= (int64_t)1 << 32 && t->base >= -((int64_t)1 << 32) && t->low <= t->high &&
@@ -21,35 +22,39 @@ static int valid_transform(const transform *t, const Py_buffer *waves, const Py_
     return fits;
 }
 
-/* (coded bytes, waves float64 [size / 16, size, 16], window int64 [2, size / 2], steps int64 [count], classes,
+/* (coded bytes, waves float64 [size / 16, size, 16], pairs int16 [size / 16, size / 2, 16, 2], window int64 [2, size / 2], steps int64 [count], classes,
    start, base, least and largest count, counts int32) -> (status, bytes read) */
 static PyObject *mdct_decode(PyObject *self, PyObject *args)
 {
     (void)self;
-    Py_buffer coded, waves, window, steps, counts;
+    Py_buffer coded, waves, pairs, window, steps, counts;
     transform t = {0};
     long long base, low, high;
     int64_t taken = 0;
     int status = NO_ROOM;
     uint8_t *copy = NULL;
     workbench *work = NULL;
-    if (!PyArg_ParseTuple(args, "y*y*y*y*iiLLLw*", &coded, &waves, &window, &steps, &t.classes, &t.start,
-                          &base, &low, &high, &counts))
+    if (!PyArg_ParseTuple(args, "y*y*y*y*y*iiLLLw*", &coded, &waves, &pairs, &window, &steps,
+                          &t.classes, &t.start, &base, &low, &high, &counts))
         return NULL;
     PyObject *result = NULL;
     t.size = window.len > 8 * SIZE_MOST ? 0 : (int)(window.len / 8);
     t.count = steps.len > 8 * SIZE_MOST ? 0 : (int)(steps.len / 8);
     t.waves = waves.buf;
+    t.pairs = pairs.buf;
     t.window = window.buf;
     t.steps = steps.buf;
     t.base = base;
     t.low = low;
     t.high = high;
     t.span = counts.len / 4;
-    if (!valid_transform(&t, &waves, &window, &steps) || !whole(&counts, 4))
+    if (!valid_transform(&t, &waves, &pairs, &window, &steps) || !whole(&counts, 4))
         PyErr_SetString(PyExc_ValueError, "not a transform, or not arrays of its numbers");
     else {
         Py_BEGIN_ALLOW_THREADS
+        t.step = t.steps[0];
+        for (int k = 1; k < t.count; k++)
+            if (t.steps[k] != t.step) t.step = 0;
         copy = with_margins(coded.buf, coded.len);
         work = malloc(sizeof *work);
         if (copy && work)
@@ -62,6 +67,7 @@ static PyObject *mdct_decode(PyObject *self, PyObject *args)
     }
     PyBuffer_Release(&coded);
     PyBuffer_Release(&waves);
+    PyBuffer_Release(&pairs);
     PyBuffer_Release(&window);
     PyBuffer_Release(&steps);
     PyBuffer_Release(&counts);

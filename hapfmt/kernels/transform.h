@@ -9,7 +9,12 @@
 
 #include "coded.h"
 
-enum { SIZE_MOST = 512, STATES = 8, BAD_SUM = 8, COSINE_BITS = 15, TILE = 16, BATCH = 8, PLAIN_SYMBOLS = 10 };
+#ifdef WIDE
+#include <immintrin.h>
+#endif
+
+enum { SIZE_MOST = 512, STATES = 8, BAD_SUM = 8, COSINE_BITS = 15, TILE = 16, BATCH = 8, PLAIN_SYMBOLS = 10,
+       SMALL_LEVELS = 32767 };
 static const double SUM_LIMIT = 68719476736.0;
 
 static const uint8_t next_state[STATES][2] = {{0, 2}, {5, 7}, {1, 3}, {4, 6}, {2, 0}, {7, 5}, {3, 1}, {6, 4}};
@@ -57,16 +62,19 @@ INLINE int context_by(int64_t mean, int *shift)
 typedef struct {
     int size, count, classes, start;
     const double *waves;    /* [size / TILE][size][TILE] */
+    const int16_t *pairs;   /* the same [size / TILE][size / 2][TILE][2], at most 32767 */
+    int64_t step;           /* of all coefficients; 0: they have different ones */
     const int64_t *window;  /* [2][size / 2] */
     const int64_t *steps;   /* [count] */
     int64_t base, low, high, span;
 } transform;
 
-/* Coefficients that are not 0, and their places. */
+/* Coefficients that are not 0, and their places. levels: of all, in steps, where they are ``small``. */
 typedef struct {
-    int some;
+    int some, small;
     double x[SIZE_MOST];
     int places[SIZE_MOST];
+    int16_t levels[SIZE_MOST];
 } block;
 
 /* next_state, three bits for each state and parity. */
@@ -88,7 +96,9 @@ static int get_coefficients(decoder *given, const transform *t, neighbours *n, i
     double total = 0;
     uint32_t s = (uint32_t)*state;
     int status = DONE, some = 0;
+    int64_t levels = 0;
     look_around(n);
+    memset(b->levels, 0, sizeof b->levels);
     for (int k = 0; k < t->count; k++) {
         int h, c = context_by((8 * a1 + (4 * a2 + n->around[k])) >> 5, &h), quantiser = (int)(s & 1);
         int symbol = get_one(d->x, first + (quantiser ? apart : 0), c, &d->next);
@@ -109,8 +119,11 @@ static int get_coefficients(decoder *given, const transform *t, neighbours *n, i
         }
         if (u) {
             int negative = (int)get_raw(d, 1);
-            double x = (double)((int64_t)(2 * u) - quantiser) * (double)t->steps[k];
+            int64_t level = (int64_t)(2 * u) - quantiser;
+            double x = (double)level * (double)t->steps[k];
             total += x;
+            levels += level;
+            b->levels[k] = (int16_t)(negative ? -level : level);
             b->x[some] = negative ? -x : x;
             b->places[some++] = k;
         }
@@ -126,6 +139,7 @@ static int get_coefficients(decoder *given, const transform *t, neighbours *n, i
     *given = copy;
     *state = (int)s;
     b->some = some;
+    b->small = levels <= SMALL_LEVELS;
     if (!status) learn_block(n);
     return status;
 }
@@ -154,7 +168,56 @@ WIDE static void wide_tile(const double *waves, const block *b, int64_t *v)
 }
 
 static tile_loop *best_tile(void) { return wide() ? wide_tile : tile; }
+
+/* What ``pairs`` lack of waves of 32768: those at -3 to 3 of the 4096 cosines. The odd numbers of
+   coefficient and sample have a product of -3 to 3 (blocks of 512) or -1 to 1 (256), modulo 8 * size. */
+static void add_peaks(const block *b, int size, int32_t *sums)
+{
+    const uint32_t end = size == SIZE_MOST ? 3 : 1, most = 8 * (uint32_t)size - 1;
+    for (int i = 0; i < b->some; i++) {
+        uint32_t odd = 2 * (uint32_t)b->places[i] + 1, inverse = odd * (2 - odd * odd);
+        inverse *= 2 - odd * inverse;
+        for (uint32_t peak = 0 - end; peak != end + 2; peak += 2) {
+            uint32_t other = inverse * peak & most;
+            if (other < 2 * (uint32_t)size) sums[other / 2] += b->levels[b->places[i]];
+        }
+    }
+}
+
+/* v of a block of small levels with one step: sums below 2^31, of two products at a time. */
+WIDE static void small_block(const transform *t, const block *b, int64_t *v)
+{
+    int32_t sums[SIZE_MOST] = {0}, both[SIZE_MOST / 2];
+    int places[SIZE_MOST / 2], some = 0;
+    for (int i = 0; 2 * i < t->count; i++) {
+        memcpy(both + some, b->levels + 2 * i, sizeof *both);
+        places[some] = i;
+        some += both[some] != 0;
+    }
+    if (t->size >= SIZE_MOST / 2) add_peaks(b, t->size, sums);
+    for (int j = 0; j < t->size; j += TILE) {
+        const int16_t *pairs = t->pairs + (size_t)j * (size_t)t->size;
+        __m256i one = _mm256_loadu_si256((const __m256i *)(sums + j));
+        __m256i two = _mm256_loadu_si256((const __m256i *)(sums + j + 8));
+        for (int i = 0; i < some; i++) {
+            const __m256i *pair = (const __m256i *)(pairs + (size_t)places[i] * 2 * TILE);
+            __m256i levels = _mm256_set1_epi32(both[i]);
+            one = _mm256_add_epi32(one, _mm256_madd_epi16(levels, _mm256_loadu_si256(pair)));
+            two = _mm256_add_epi32(two, _mm256_madd_epi16(levels, _mm256_loadu_si256(pair + 1)));
+        }
+        _mm256_storeu_si256((__m256i *)(sums + j), one);
+        _mm256_storeu_si256((__m256i *)(sums + j + 8), two);
+    }
+    for (int j = 0; j < t->size; j++)
+        v[j] = (sums[j] * t->step + (1 << (COSINE_BITS - 1))) >> COSINE_BITS;
+}
+
+static int is_small(const transform *t, const block *b) { return t->step && b->small && wide(); }
 #else
+static void small_block(const transform *t, const block *b, int64_t *v) { (void)t, (void)b, (void)v; }
+
+static int is_small(const transform *t, const block *b) { return (void)t, (void)b, 0; }
+
 static tile_loop *best_tile(void) { return tile; }
 #endif
 
@@ -162,11 +225,17 @@ static tile_loop *best_tile(void) { return tile; }
 static void transform_blocks(const transform *t, const block *blocks, int count, int64_t *v)
 {
     tile_loop *loop = best_tile();
-    for (int b = 0; b < count; b++)
-        if (!blocks[b].some) memset(v + (size_t)b * SIZE_MOST, 0, (size_t)t->size * sizeof *v);
+    int large[BATCH];
+    for (int b = 0; b < count; b++) {
+        int64_t *to = v + (size_t)b * SIZE_MOST;
+        int small = is_small(t, blocks + b);
+        large[b] = blocks[b].some && !small;
+        if (!blocks[b].some) memset(to, 0, (size_t)t->size * sizeof *v);
+        else if (small) small_block(t, blocks + b, to);
+    }
     for (int j = 0; j < t->size; j += TILE)
         for (int b = 0; b < count; b++)
-            if (blocks[b].some)
+            if (large[b])
                 loop(t->waves + (size_t)j * (size_t)t->size, blocks + b, v + (size_t)b * SIZE_MOST + j);
 }
 

@@ -16,6 +16,7 @@ from ..encoder.settings import FORCE_WEBER, RANGE_FLOOR, WEBER_LIMITS
 from ..errors import ParameterError
 from ..metrics import (
     MOVES,
+    Similarity,
     band_energy_error_db,
     max_in_deadbands,
     require_package,
@@ -24,7 +25,6 @@ from ..metrics import (
     snr_hf_db,
     snr_weighted_db,
     spqi,
-    st_sim,
 )
 from ..reading.decoder import intersect
 from ..recording import Calibration, Channel
@@ -122,9 +122,10 @@ class Measures:
         in_deadbands = 0 < floor < inf
         similar, index, missing = None, None, ""
         try:
-            similar, index = st_sim(f, y, rate), spqi(f, y, rate)
+            index = spqi(f, y, rate)
+            similar = index if np.array_equal(f, y) else Similarity(f, rate).of(y)
         except ParameterError as error:
-            missing = str(error).replace("ST-SIM", "ST-SIM and SPQI").replace("needs", "need")
+            missing = str(error).replace("SPQI", "ST-SIM and SPQI").replace("needs", "need")
         return cls(
             f.size / hz,
             k,

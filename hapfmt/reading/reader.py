@@ -324,7 +324,7 @@ class Reader(Closing):
         The clocks of a track refer to the first of the chosen channels that it holds. A part in
         time has the observations at start <= time < stop; ticks and maps stay as they are.
         ``clocks=False`` leaves clocks out. They may be anywhere in the file, so a part of a remote
-        file then needs fewer requests. A :class:`hapfmt.spool.Spool` as ``store`` keeps the samples
+        file then needs fewer requests. A ``hapfmt.spool.Spool`` as ``store`` keeps the samples
         on the disk.
         """
         if band not in BANDS:
