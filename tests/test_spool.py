@@ -10,12 +10,14 @@ import subprocess
 import sys
 from collections import namedtuple
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hapfmt
 from hapfmt import Channel, Recording, spool
+from hapfmt.cli.encode import sample_of
 from hapfmt.convert import opened
 from hapfmt.convert.tables import Import
 from hapfmt.spool import GrowingArray, Spool, is_mapped, release
@@ -190,3 +192,20 @@ def test_a_recording_of_four_times_the_length_takes_little_more_memory(tmp_path)
     short, long = json.loads(done.stdout.splitlines()[-1])
     # 6 MB of counts are not there either; the samples of one channel are looked at as a whole.
     assert long - short < 11 << 10
+
+
+def shared_bytes() -> int:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * sum(int(x.split()[1]) for x in lines if x.startswith(("RssFile", "RssShmem")))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc is that of Linux")
+def test_advice_holds_no_more_than_its_samples():
+    """20 channels of 2 MB, all of which are on the disk."""
+    store, x = ON_DISK(), np.sqrt(np.arange(250_000.0))
+    kept = [hapfmt.Channel(store.kept(x), 1000) for _ in range(20)]
+    release()
+    before = shared_bytes()
+    parts = [sample_of(channel, 4000) for channel in kept]
+    assert all(part.stored.size < 5000 for part in parts)
+    assert shared_bytes() - before < 20 << 20
