@@ -55,7 +55,7 @@ CASES = {
 """Names of recordings in the project's own data."""
 
 SLIDE_SECONDS = 53
-PRICED = 20_000
+PRICED = 6_000
 """Samples a channel of the recordings that searches are measured on."""
 
 WARM = 500
