@@ -278,7 +278,7 @@ LEVELS, LINES = "fewest held levels", "fewest lines"
 JOINS, GRID_JOINS = {LEVELS: 0, LINES: 4}, 3
 """Bytes that a stretch more takes than the same samples in a whole channel."""
 
-NEAR, NEAR_GRID = {LEVELS: 1.06, LINES: 1.0}, 1.15
+NEAR, NEAR_GRID = {LEVELS: 1.06, LINES: 1.0}, 1.75
 """Ways that are at most this many times as large as the best of the sampled part are all coded.
 Lines take long to find. Grids are quick to code, and predict a whole channel better than stretches
 of it."""
@@ -305,7 +305,7 @@ def likely_ways(source: InputBlock, base: Track, bound: Bound, *, knots_alone: b
         firsts = held * np.arange(1, 2 * WINDOWS, 2) // (2 * WINDOWS) - few // 2
         windows = np.concatenate([x[ticks[k] : ticks[k + few]] for k in firsts]).astype(np.int64)
         looked = [windows]
-    # Of two that are as small, the first: on single counts, held values are near the middle.
+    # The first of equal ones stays: on single counts, held values are near the middle.
     ways = [plain, levels] if held <= FEW else [levels]
     if sampled or held <= (DENSE if grid.kn else DENSER) * x.size:
         ways.append(lines)
