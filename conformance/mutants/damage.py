@@ -20,6 +20,7 @@ MUTANTS = (
         "header-crc-ignored",
         "The CRC of a chunk header is not looked at.",
         "CHK-002 REC-001",
+        Edit(HEADER, " or data[CRC_OFFSET:] != crc", ""),
         Edit(
             "format.wire:parse_header",
             "if raw.header_crc != crc32(data[:CRC_OFFSET]):",

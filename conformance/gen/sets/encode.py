@@ -172,6 +172,14 @@ def words() -> Iterator[Case]:
         "doubles-of-a-lattice", "Doubles that are tenths of integers, rounded twice.",
         [channel(doubles(tenths), format="binary64", unit="N")], requirements=["EXA-007"],
     )  # fmt: skip
+    ticks = wander("near tenths", 300, 4, -300, 300)
+    lacking = [
+        n * 0.1 * (1 + k / 2**52) for n, k in zip(ticks, anything("low", 300, -9, 9), strict=True)
+    ]
+    yield job(
+        "doubles-near-a-lattice", "Doubles a few of their last bits from tenths of integers.",
+        [channel(doubles(lacking), format="binary64", unit="N")], requirements=["EXA-007"],
+    )  # fmt: skip
     full = [n / 2**53 for n in anything("doubles", 200, -(2**53), 2**53)]
     yield job(
         "doubles", "Doubles of full precision.",
