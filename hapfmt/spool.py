@@ -31,6 +31,7 @@ TOGETHER = 1 << 20
 ALIGNED = 64
 
 _mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
+_mapping = threading.Lock()
 
 
 class Memory:
@@ -159,7 +160,7 @@ class GrowingArray:
 
 
 def mapped(size: int) -> mmap.mmap:
-    """A temporary file of this size, whose disk space is there."""
+    """Map a temporary file of this size, whose disk space is there."""
     folder = tempfile.gettempdir()
     with tempfile.TemporaryFile(prefix="hapfmt-") as file:
         try:
@@ -174,11 +175,13 @@ def mapped(size: int) -> mmap.mmap:
                 raise
             text = f"{size} bytes of samples do not fit this folder; TMPDIR names another"
             raise OSError(errno.ENOSPC, text, folder) from None
-    _mapped.add(found)
+    with _mapping:
+        _mapped.add(found)
     return found
 
 
 def is_mapped(array: NDArray[Any]) -> bool:
+    """Whether an array lies in a mapped file."""
     base: object = array
     while isinstance(base, np.ndarray):
         base = base.base
@@ -188,6 +191,8 @@ def is_mapped(array: NDArray[Any]) -> bool:
 def release() -> None:
     """Give back the memory of all that is on the disk; it is read again when it is touched."""
     if hasattr(mmap, "MADV_DONTNEED"):
-        for file in list(_mapped):
+        with _mapping:  # another thread may map a file meanwhile
+            files = list(_mapped)
+        for file in files:
             with suppress(ValueError, OSError):
                 file.madvise(mmap.MADV_DONTNEED)

@@ -25,6 +25,7 @@ import click
 import numpy as np
 from bench import load_all
 from measured import DATA, origin, print_table, timed
+from speeds import shortened, walks
 
 import hapfmt
 from hapfmt.errors import DataWarning
@@ -48,20 +49,12 @@ Figures = dict[str, dict[str, list[float]]]
 
 def generated() -> Iterator[tuple[str, hapfmt.Recording]]:
     """One short channel; 22 of a sine and a random walk; and a long walk of clipped steps."""
-    rng = np.random.default_rng(2)
-    seconds = np.arange(10_000) / 1000
-    walks = [
-        np.round(2000 * np.sin(seconds * (1 + i / 9)) + np.cumsum(rng.integers(-2, 3, 10_000)))
-        for i in range(22)
-    ]
-    steps = np.clip(np.round(rng.normal(0, 2, 2_000_000)), -9, 9)
-    for name, rows in {
-        "1 x 500 counts": [walks[0][:500]],
-        "22 x 10 s": walks,
-        "2 million steps": [np.cumsum(steps)],
-    }.items():
-        counts = [row.astype(np.int32) for row in rows]
-        yield name, hapfmt.Recording(tuple(hapfmt.Channel(row, 1000) for row in counts))
+    several = walks()
+    yield "1 x 500 counts", shortened(several.sel(0), 500)
+    yield "22 x 10 s", several
+    steps = np.clip(np.round(np.random.default_rng(3).normal(0, 2, 2_000_000)), -9, 9)
+    counts = np.cumsum(steps).astype(np.int32)
+    yield "2 million steps", hapfmt.Recording((hapfmt.Channel(counts, 1000),))
 
 
 def scenes(seconds: float) -> Iterator[tuple[str, hapfmt.Recording]]:

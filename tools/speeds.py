@@ -187,6 +187,7 @@ print(next(line for line in lines if line.startswith("VmHWM")).split()[1])
 
 
 def peaks(recording: hapfmt.Recording, folder: Path) -> Iterator[int]:
+    """The most MiB of a process that only imports, and of one for each step."""
     path = folder / "one.hapf"
     path.write_bytes(file_of(recording, {"fast": True}))
     for step in ("", *STEPS):

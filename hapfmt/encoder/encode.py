@@ -29,7 +29,7 @@ from ..limits import EXACT_LIMIT, LAST_TRACK_ID, LEVELS, Level
 from ..reading.catalogue import TrackPair
 from ..reading.decoder import TrackDecoder
 from ..recording import Channel, Recording, Span
-from ..spool import Spool, release
+from ..spool import MEMORY, Spool, is_mapped, release
 from ..threads import in_order, thread_count
 from .bitrate import fill
 from .bounded import HOPE, encode_bounded, encode_lossless, error_of, lossless_bits
@@ -201,7 +201,10 @@ class EncodeJob:
         given = self.settings
         if given.preset == "lossless":
             return given
-        return Settings(references=given.references, cluster=given.cluster, digest=given.digest)
+        return Settings(
+            references=given.references, cluster=given.cluster, digest=given.digest,
+            effort=given.effort,
+        )  # fmt: skip
 
     def with_sizes(self, parts: list[PlacedUnit], found: list[Relation]) -> EncodeJob:
         """The same, with the sizes of these channels as they turned out."""
@@ -289,7 +292,9 @@ class Encoding:
         self.recording, self.progress = recording, progress
         originals = [as_recorded(channel) for channel in recording.channels]
         promises = promises_of(replace(recording, channels=tuple(originals)), settings)
-        store = Spool()
+        # Counts go to the disk where the samples are there.
+        mapped = any(is_mapped(channel.stored) for channel in originals)
+        store = Spool() if mapped else MEMORY
         searches = [LatticeSearch(channel.stored, store=store) for channel in originals]
         heads, count = heads_of(recording, settings), len(recording)
         longest = settings.cluster_of(recording)

@@ -472,6 +472,7 @@ class Settings:
 
     @property
     def fast(self) -> bool:
+        """Whether the effort is ``fast``."""
         return self.effort == "fast"
 
     @property
